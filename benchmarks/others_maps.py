@@ -91,7 +91,7 @@ def contradictions(terrain: gp.TerrainGrid, free: Mask, points: Float) -> int:
 
 
 def _contradicts(points: Float, limits: TraversabilityLimits) -> bool:
-    """Test if points about the centre of a sole are too far from one plane."""
+    """Test whether points about the centre of a sole are too far from one plane."""
     under = (np.abs(points[:, 0]) <= limits.sole_length / 2) & (np.abs(points[:, 1]) <= limits.sole_width / 2)
     x, y, z = points[under].T
     plane = fit_plane(x, y, z)

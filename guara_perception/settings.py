@@ -17,7 +17,7 @@ from kinematics.findings import Findings
 from kinematics.toml_table import Table
 
 MODES = ("coarse", "standard")
-# Largest allowed length among the limits [m], and largest allowed value of each other limit. A larger length or angle
+# Largest allowed value of limits that are lengths [m], and of the remaining limits, by name. A larger length or angle
 # is probably in millimetres or degrees.
 LARGEST_LENGTH = 1.0
 LARGEST_LIMIT = {"slope": np.pi / 2, "confidence": 10.0}
@@ -26,7 +26,7 @@ RobotLike: TypeAlias = RobotModel | str | Path
 
 @dataclass(frozen=True, slots=True)
 class TraversabilityLimits:
-    """Traversability limits of the robot's feet. A cell that exceeds any of them is a hazard.
+    """Traversability limits of the robot's feet. A cell that exceeds slope, step, drop, roughness or sigma is a hazard.
 
     A limit added in a later version needs a default that excludes nothing, since grids of older versions lack it. The
     new limit sets the existing flag of `Hazard` that fits best, and the records of grids list it under `limit_flags`.

@@ -122,7 +122,7 @@ class BodyTrack:
             return float(self._rows[self._end - 1, 0]) if self._end else -math.inf
 
     def covers(self, time: float) -> bool:
-        """Test if the pose at a time [s] is final, so that later samples cannot change it."""
+        """Test whether the pose at a time [s] is final, so that later samples cannot change it."""
         return self.latest >= time + HALF_WINDOW
 
     def longest_gap(self, start: float, end: float) -> float:

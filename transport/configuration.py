@@ -25,8 +25,8 @@ WAIT_BEFORE_DROP_US = 20_000
 PATIENT_WAIT_US = 100_000
 
 # Length of a link's queue by priority, in batches of 64 KiB (default 2, maximum 16). The grid of a scan, the largest
-# piece of a fetched message and most of a map fit into a queue. Therefore a reader that is preempted for some
-# milliseconds loses nothing, and a put does not wait.
+# piece of a fetched message and most of a map fit into a queue. Therefore a reader that is preempted for a few
+# milliseconds usually loses nothing, and a put does not wait.
 QUEUES = {"data_high": 16, "data_low": 8, "background": 16}
 
 HIGHEST_PORT = 65535
@@ -86,7 +86,7 @@ def is_local(endpoint: str) -> bool:
 
 
 def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
-    """Reject unprotected endpoints that other machines can reach, unless explicitly allowed.
+    """Reject endpoints that other machines can reach, unless allowed explicitly; for sessions without security.
 
     Raises:
         ConfigurationError: an endpoint is not valid, or other machines can reach it and `allow_insecure` is False.
@@ -113,7 +113,7 @@ def _base(*, shared_memory: bool, patient: bool = False) -> dict[str, Any]:
 
 
 def dialling(endpoint: str) -> dict[str, Any]:
-    """Return the section `connect` of a router that connects to another router, and reconnects after losses."""
+    """Return the section `connect` of a router that connects to another router, again whenever the link is lost."""
     return {
         "endpoints": [check_endpoint(endpoint)],
         "timeout_ms": -1,

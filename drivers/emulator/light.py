@@ -94,7 +94,7 @@ class LightUnit:
         return True
 
     def clear(self, faults: BoardFault, now: float) -> None:
-        """Clear the faults among `faults` whose cause is gone; reconnect the supply if no blocking fault remains."""
+        """Clear `faults`, but LASER_TIME only after the rest; reconnect the supply if no blocking fault remains."""
         if now - self._run_end < self._identity.laser_rest:
             faults &= ~BoardFault.LASER_TIME
         self.faults &= ~faults
@@ -102,7 +102,7 @@ class LightUnit:
         self._update(now)
 
     def advance(self, now: float) -> None:
-        """If safety timers have expired, set the fault of the first one and turn the laser off, as of its expiry."""
+        """If safety timers have expired, cut the laser as of the first expiry, with the fault of that timer."""
         if not self.laser.on:
             return
         silent, limit = self._fed + self._identity.watchdog, self._run_start + self._identity.laser_limit

@@ -101,7 +101,7 @@ class SweepWorker(StripeWorker):
         missing: Sequence[PlannedStripe] = self._firing_order
         for attempt in range(1 + self._sweep_options.repeats):
             if attempt:
-                logger.warning("repeating %d stripes whose frames could not be verified", len(missing))
+                logger.warning("repeating stripes whose frames could not be verified: %d", len(missing))
                 self.notes.append(f"stripes repeated: {len(missing)}")
                 if self._off is not None:
                     sweeps.set_off_frames(OffFrames.NONE)

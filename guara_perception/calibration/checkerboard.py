@@ -59,7 +59,7 @@ def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView
 
 
 def is_mirrored(grey: Grey, corners: Float, board: BoardSpec) -> bool:
-    """Test if the image of a board is mirrored, by the colours of the squares between its corners (n, 2).
+    """Test whether the image of a board is mirrored, by the colours of the squares between its corners (n, 2).
 
     The board must satisfy `BoardSpec.shows_handedness`. The detectors number the corners from any of the four outer
     ones, clockwise or counterclockwise.
@@ -93,7 +93,7 @@ def sub_pixel(grey: Image, corners: Float, half: int) -> Float:
 
 
 def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
-    """Test if the corners are only a part of the board's corners, or do not form a regular grid.
+    """Test whether the corners are only a part of the board's corners, or do not form a regular grid.
 
     If asked for too few corners, both detectors return a part of the board, or every other line of it. The grid is
     therefore projected into the image by a homography; the points halfway between its lines, and those one line

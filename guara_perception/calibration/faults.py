@@ -91,7 +91,7 @@ def find_jumps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float)
 
 
 def is_bare_floor(plate: Plate) -> bool:
-    """Test if a plate scan shows the floor without a plate."""
+    """Test whether a plate scan shows the floor without a plate."""
     return abs(plate.height) < BARE_FLOOR_M
 
 

@@ -217,7 +217,7 @@ def handedness_evidence(session: CalibrationSession, not_mirrored: bool) -> str:
 
 
 def looks_mirrored(points: Float) -> bool:
-    """Test if the marks (n, 2) are so similar to their mirror image that the search could confuse the two."""
+    """Test whether the marks (n, 2) are so similar to their mirror image that the search could confuse the two."""
     centred = points - points.mean(axis=0)
     apart = [np.linalg.norm(centred[:, None] * flip - centred, axis=2) for flip in ((1.0, -1.0), (-1.0, 1.0))]
     return min(float(distance.min(axis=1).max()) for distance in apart) < SEARCH_M

@@ -138,7 +138,7 @@ def _with_borders(lost: list[LostLine], order: list[int]) -> list[LostLine]:
 
 
 def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool:
-    """Test if the stripe was found in at least half of the columns and well inside the band."""
+    """Test whether the stripe was found in at least half of the columns and well inside the band."""
     found = np.isfinite(profile.position_px)
     if profile.is_frame_bad or found.mean() < 0.5 or not band[1]:
         return False

@@ -66,7 +66,7 @@ def surface_lines(
 ) -> Iterator[tuple[Lines, Index]]:
     """Yield the surface of `surface_of` as lines on which its samples lie; a point is a line of one sample.
 
-    Each item also holds the positions of the lines whose successor belongs to the next image column of the same stripe
+    Each item also holds the indices of the lines whose successor belongs to the next image column of the same stripe
     or pair.
     """
     seen = links_of(stripes, keys, pattern, join_height, y_range)
@@ -168,7 +168,7 @@ def samples_of(seen: Links, variance: Array, resolution: float) -> SurfaceSample
 
     A line is shortened by OPEN_END_M at an end at which the surface ends; the heights of the samples cut off are NaN.
     Variances are interpolated linearly, not by squared weights, because a line is no more certain than the points at
-    its ends; the relief of the ground between the stripes is added.
+    its ends; a variance for the relief of the ground between the stripes is added.
 
     Args:
         seen: points and links of s stripes.
@@ -188,7 +188,7 @@ def samples_of(seen: Links, variance: Array, resolution: float) -> SurfaceSample
 
 
 def _neighbours(indices: Index, width: int) -> Index:
-    """Positions of the flat indices of (stripe, column) whose successor is the next column of the same stripe."""
+    """Positions in flat indices of (stripe, column) at which the next entry is the next column of the stripe."""
     return np.flatnonzero((np.diff(indices) == 1) & ((indices[:-1] + 1) % width > 0))
 
 
@@ -227,7 +227,8 @@ class Lines:
 def shares(n: int) -> Float:
     """Positions (n, 1) of n samples along a line, as fractions of its length.
 
-    The positions are the same whether or not samples are cut off at an end, so that another stripe cannot move samples.
+    The positions are the same whether or not samples are cut off at an end: a further stripe may bring samples
+    back, but moves none.
     """
     return ((np.arange(n) + 0.5) / n)[:, None]
 

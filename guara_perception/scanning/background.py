@@ -144,14 +144,15 @@ def motion_text(moved: Mapping[int, float], parted: int, count: int, *, has_trac
     texts = []
     if moved:
         beyond = " from the motion that the joints report" if has_track else ""
-        remedy = "check the joints and their clock" if has_track else "the robot must stand still, or stream its joints"
+        still = "the robot must stand still, or stream its joint positions"
+        remedy = "check the joints and their clock" if has_track else still
         most = max((each for each in moved.values() if each < math.inf), default=math.nan)
         off = f"off by up to {1e3 * most:.0f} mm{beyond}" if most >= 0 else "their images show other ground"
-        texts.append(f"{len(moved)} of {count} stripes are not used, {off}: {remedy}")
+        texts.append(f"{len(moved)} of {count} stripes not used, {off}: {remedy}")
     if parted:
         texts.append(
-            f"{parted} pairs of neighbouring stripes are not joined, because the body moved too far between their "
-            "flashes, or its motion is too uncertain: scan faster, or keep the body still"
+            f"{parted} pair{'s' * (parted > 1)} of neighbouring stripes not joined, because the body moved too far "
+            "between their flashes, or its motion is too uncertain: scan faster, or keep the body still"
         )
     return f"{CAMERA_MOVED}: {'; '.join(texts)}" if texts else ""
 
@@ -186,12 +187,12 @@ class _Seen:
         return all(abs(rise) + most * sigma <= MOST_RISE_M for rise, sigma in ends)
 
     def is_beyond(self, common: Float) -> bool:
-        """Test if the rise differs significantly from 0; `common` is the shared sigma [m]."""
+        """Test whether the rise differs significantly from 0; `common` is the shared sigma [m]."""
         return is_beyond(self.rise, self.sigma, common)
 
 
 def _seen_of(found: Float) -> _Seen:
-    """Camera motion (2 n + 1,) as the kernel gives it: n rises, their sigmas and the shift."""
+    """Camera motion from the kernel's result (2 n + 1,): n rises, their sigmas and the shift."""
     ends = len(found) // 2
     sigma = found[ends:-1]
     return _Seen(found[:ends], sigma, float(found[-1]), float(sigma.max()))
@@ -204,7 +205,7 @@ def _middle(values: Float) -> Float:
 
 
 def is_beyond(rises: Float, sigmas: Float, common: Float | float) -> bool:
-    """Test if any of rises (..., 4) differs significantly from 0.
+    """Test whether any of rises (..., 4) differs significantly from 0.
 
     Args:
         rises: rises of the corners of the scanned area [m].
@@ -257,7 +258,7 @@ class BackgroundWitness:
         self._dim: list[tuple[int | None, Image, tuple[float, float]]] = []
         self._dark: Image | None = None
         self._points = self._rays = np.zeros((0, 2))
-        # Arguments of the kernel that follow an image: the reference image with its corners; the fit and its memory.
+        # Arguments of the kernel after an image: reference image and its corners; limits and work array of the fit.
         self._work = np.empty(6 * FEW_CORNERS)
         self._of_scan: tuple[int, ...] = ()
         self._of_fit: tuple[float, ...] = ()
@@ -456,7 +457,7 @@ class BackgroundWitness:
         return self._stood
 
     def _reliable(self) -> dict[int, list[_Seen]]:
-        """Reliable estimates by stripe; none if at most half of all are reliable, as in the dark, because of chance."""
+        """Reliable estimates by stripe; none if at most half are, because so few may be chance, as in the dark."""
         if all(look.is_sure for looks in self._seen.values() for look in looks):
             return self._seen
         sure = {index: [look for look in looks if look.is_sure] for index, looks in self._seen.items()}
@@ -466,8 +467,8 @@ class BackgroundWitness:
     def moved(self, stripes: Collection[int], places: Mapping[int, Float] | None) -> dict[int, float]:
         """Stripes whose images contradict the poses from the joints, with the largest error of their heights [m].
 
-        If motion is detected, stripes without an estimate are included, with error 0; those whose images show other
-        ground than the first one, which the joints do not explain, with infinite error.
+        If motion is detected, stripes without an estimate are included, with error 0. Stripes whose images show other
+        ground than the reference image are included with infinite error, unless the joints report motion.
 
         Args:
             stripes: indices of the stripes.

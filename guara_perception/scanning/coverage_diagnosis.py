@@ -42,7 +42,7 @@ TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 
 
 def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> str:
-    """State the cause and remedy of few returns in one sentence; remedies include those of the paper.
+    """State the cause and remedy of few returns in one sentence; the remedies include those of docs/paper.md.
 
     Order of precedence: faults of the whole scan (`wrong`); no light; light where no stripe can be; a weak line;
     saturated or ambiguous returns; anything else.
@@ -126,8 +126,8 @@ class _Fit:
         name: the orientation, in words.
         stripe: index of the stripe that each frame fits best.
         fits: (f,) mask of the frames that fit their stripe.
-        fine: share of the light near those stripes that is within a third of `within`; about 1/3 for evenly spread
-            light.
+        fine: of the light closer to those stripes than `within` (see `of`), the share that is closer than a third of
+            it; about 1/3 for evenly spread light.
         distance: mean distance of the light from the best stripes [px], capped at `within`; a column without light
             counts as `within`.
     """

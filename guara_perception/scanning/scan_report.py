@@ -38,7 +38,7 @@ MIRRORED = (
 # The drift check reads every fourth column. Neighbouring columns are smoothed together, so a quarter of them gives as
 # much information in half the time.
 COLUMNS_APART = 4
-# Approximate number of stripes, spread over the scan, that decide if the whole scan is checked for mirrored frames.
+# Approximate number of stripes, spread over the scan, that decide whether all of it is checked for mirrored frames.
 SUSPECTED = 12
 
 
@@ -135,7 +135,7 @@ def scan_record(
         reasons.append(f"{UNSEEN}; robot.toml ([pause] stance_sway) allows for {amplitude}")
     if proof.unproved:
         reasons.append(
-            f"{OTHER_INSTANT}, perhaps: {len(proof.unproved)} stripes without a later dark flash are not used"
+            f"{OTHER_INSTANT}, perhaps: stripes not used, because no dark flash came later: {len(proof.unproved)}"
         )
     missing = [index for index in geometry.stripes if index not in profiles]
     if missing:

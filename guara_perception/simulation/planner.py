@@ -73,7 +73,7 @@ def plan_swing(
     previous: tuple[float, float] | None = None,
     robot: RobotModel | None = None,
 ) -> PlannedSwing | None:
-    """Choose the first foothold, in the order of search, to which a swing is accepted, and this swing.
+    """Choose the first foothold, in the order of search, to which a swing is accepted; return it with that swing.
 
     Args:
         terrain: newest grid, whose record must contain the stance of its pause; the swing begins at the standing sole.
@@ -124,7 +124,7 @@ def _best_first(
 ) -> Iterator[Foothold]:
     """Yield the best foothold of each circle: around the nominal foothold, small and wide, then to the sides."""
     x, y = wish
-    # Search towards the centre line first, because ground farther outside may not have been scanned.
+    # Search towards the centre line first, because ground farther out may not have been scanned.
     sideways = sorted(SIDEWAYS_M, key=lambda aside: abs(y + aside))
     circles = [(0.0, radius) for radius in SEARCH_RADII_M] + [(aside, SEARCH_RADII_M[-1]) for aside in sideways]
     for aside, radius in circles:

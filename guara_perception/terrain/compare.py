@@ -56,7 +56,7 @@ def compare(a: LayeredGrid | str | Path, b: LayeredGrid | str | Path) -> GridCom
         b: grid of the same cells (equal origin, resolution and shape), or the path of its file.
 
     Raises:
-        InvalidInput: the grids have different cells, or an argument is no grid.
+        InvalidInput: the grids have different cells, or an argument is not a grid.
         MissingFile, FileFormatError: a file is missing or does not contain a grid.
     """
     a, b = (load_terrain(grid) if isinstance(grid, str | Path) else grid for grid in (a, b))

@@ -128,7 +128,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
         self._server.flush()
 
     def _is_other(self, part: str, *of: Any) -> bool:
-        """Test if the data of a part changed since it was last drawn; unnecessary redraws would flicker."""
+        """Test whether the data of a part changed since it was last drawn; unnecessary redraws would flicker."""
         before, self._drawn[part] = self._drawn.get(part), of
         return before != of
 

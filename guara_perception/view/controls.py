@@ -77,7 +77,7 @@ class Controls:
             control.on_update(lambda _: redraw())
 
     def shows(self, name: str) -> bool:
-        """Test if a part of `SHOWN` is visible."""
+        """Test whether a part of `SHOWN` is visible."""
         return bool(self._shown[name].value)
 
     def has_stripes(self, available: bool) -> None:

@@ -46,7 +46,7 @@ class Terms:
         confirmed_only: True = reject provisional grids.
 
     Raises:
-        MessageError: `max_age` is negative, NaN or no number, which no grid could meet.
+        MessageError: `max_age` is negative, NaN or not numeric; no grid could meet it.
     """
 
     max_age: float | None = None
@@ -204,7 +204,7 @@ class GridJudge:
             ScannerGone: no accepted message arrived, and the node has disappeared.
             ScannerUnavailable: no accepted message arrived, and no node was ever seen.
             SessionClosed: the receiver is closed.
-            MessageError: the timeout is NaN, which would never end, or no number.
+            MessageError: the timeout is NaN, which would never end, or not numeric.
         """
         if timeout is not None and (not isinstance(timeout, Real) or math.isnan(timeout)):
             raise MessageError(f"timeout is {timeout!r}; allowed: a number of seconds, or None for no limit")

@@ -41,8 +41,8 @@ class Answerer(Resource):
             key: key of the queryable.
             answer: sends the replies to a query; called on a background thread.
             limit: largest number of pending queries; further queries are dropped.
-            in_order: True = process queries one after the other. `answer` must then drop each query after its last
-                reply, which it may send later on another thread.
+            in_order: True = process queries one after the other. `answer` must then end each query with
+                `query.drop()` after its last reply, which it may send later on another thread.
 
         Raises:
             SessionClosed: the session is closed.

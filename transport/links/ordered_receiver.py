@@ -36,8 +36,8 @@ class OrderedReceiver(NewestReceiver[T]):
         Args:
             session, key, decode, latched: as in `NewestReceiver`.
             on_message: called with each message; None = keep only the newest message.
-            on_refused: called with the error of an invalid message, once for consecutive waiting messages with the
-                same type of error; has no effect without `on_message`.
+            on_refused: called with the error of an invalid message; of consecutive waiting messages with the same type
+                of error, only the first is reported. It has no effect without `on_message`.
         """
         self._on_message, self._on_refused = on_message, on_refused
         self._waiting: deque[T | MessageError] = deque()

@@ -105,10 +105,10 @@ class DemoCheck:
         if pauses_wanted >= WHOLE_WALK_PAUSES and len(hind) < HIND_FOOTHOLDS_WANTED:
             problems.append(f"{len(hind)} hind footholds on scanned ground, at least {HIND_FOOTHOLDS_WANTED} required")
         if on_hazard:
-            problems.append(f"{len(on_hazard)} footholds on a hazard, the first at step {on_hazard[0].step}")
+            problems.append(f"footholds on a hazard: {len(on_hazard)}, the first at step {on_hazard[0].step}")
         refused = [foot for foot in self.footholds if foot.is_swing_refused]
         if refused:
-            problems.append(f"{len(refused)} swings refused by check_path, the first at step {refused[0].step}")
+            problems.append(f"swings refused by check_path: {len(refused)}, the first at step {refused[0].step}")
         if self.unknown_called_safe:
             problems.append(f"{self.unknown_called_safe} unknown cells were called traversable")
         return problems

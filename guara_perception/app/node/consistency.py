@@ -70,7 +70,7 @@ class JointWatch:
         elif math.isnan(residual):
             message = "not checked: first pause, or fewer than three feet stayed on the ground since the last one"
         else:
-            message = "the joints of standing legs fit those of the last pause"
+            message = "the joint readings of the standing legs agree with those of the last pause"
         self._status.note("joints", message, Health.WARN if faults else Health.OK, values)
 
 

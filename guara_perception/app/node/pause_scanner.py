@@ -234,8 +234,8 @@ class PauseScanner:
         lost = self.lost_steps()
         if lost:
             raise MirrorSlipped(
-                f"the mirror had lost {lost} steps by the end of the scan, so the heights are wrong: the grid is "
-                "withdrawn. Check that the mirror turns freely"
+                f"the mirror had lost {lost} step{'s' * (lost > 1)} by the end of the scan, so the heights are "
+                "wrong: the grid is withdrawn. Check that the mirror turns freely"
             )
 
     def lost_steps(self) -> int:

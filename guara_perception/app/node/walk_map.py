@@ -225,7 +225,7 @@ class WalkMap:
             why, may_fit_later = claim.misfit(stance, terrain, odometry, standing, time=time, picture=picture)
         if claim is None or why:
             if may_fit_later:
-                reason = f"the scan was cut short; the next scan decides if the journal fits: {why}"
+                reason = f"the scan was cut short; the next scan decides whether the journal fits: {why}"
                 logger.warning("journal: %s", reason)
             else:
                 journal.refuse(why)

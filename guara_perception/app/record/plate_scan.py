@@ -86,7 +86,7 @@ def scan_uncalibrated(
                         on_stripe(capture.on, done, len(order))
         lost = rangefinder.lost_steps(order)
         if lost:
-            raise MirrorSlipped(f"{folder.name}: the mirror lost {lost} steps during the scan: is it blocked?")
+            raise MirrorSlipped(f"{folder.name}: steps lost by the mirror during the scan: {lost}; is it blocked?")
         writer.finish(
             robot=robot.name,
             mode=mode,

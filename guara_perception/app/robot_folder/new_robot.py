@@ -39,7 +39,7 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
             "Give another name with --name"
         )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InvalidInput(f"{folder} exists and is not overwritten; give another name")
+        raise InvalidInput(f"{folder} already exists and will not be overwritten; give another name")
     urdf = read_urdf(source)
     check_urdf(urdf)
     proposal = propose(urdf, name, hip_height)

@@ -23,7 +23,7 @@ FOOT_OFFSETS = np.array(
         for y in (-0.04, 0.04)
     ]
 )
-# Hip heights above the tips of the feet that are tried, as fractions of the length of the shortest stretched leg.
+# Hip heights to try, measured from the tips of the feet, as fractions of the length of the shortest stretched leg.
 SHARES = np.arange(0.86, 0.48, -0.02)
 ROUNDS = 4
 

@@ -58,8 +58,8 @@ static void expand(const Found *f, int64_t count, int64_t n, Parts *w) {
 // the light changed so much that `off` is used only if it shows the same view. weak_row, is_weak: (n,) rows of weak peaks and
 // mask of the columns that have one, or NULL; where no stripe is found, they are doubtful returns. memory: receives the rows
 // (n,) of doubtful returns at its beginning. profile, status: (3, n) and (n,), position, its standard deviation, peak, and
-// status. fault: receives the fault of `off` (OTHER_EXPOSURE, OTHER_SCENE) or USED, and the numbers of its message. Returns the
-// number of doubtful columns, or EVERY_COLUMN.
+// status. fault: receives the remark on `off` (OTHER_EXPOSURE, OTHER_SCENE) or USED, and the numbers of its message. Returns
+// the number of doubtful columns, or EVERY_COLUMN.
 int64_t extract_any_light(const Picture *on, const Picture *off, int64_t factor, int64_t is_changed, int64_t first_row,
     const int64_t *weak_row, const uint8_t *is_weak, char *memory, float *profile, uint8_t *status, double *fault) {
     Parts parts, *w = &parts;

@@ -5,7 +5,7 @@
 #define LEAST_NOISE 0.3
 // A relative floor of the threshold keeps a faint halo out of the gaps of a bright stripe.
 #define THRESHOLD_OF_MEDIAN_PEAK 0.05
-// Distance of the columns in which the width of the stripe is measured.
+// Spacing of the columns in which the width of the stripe is measured.
 #define WIDTH_COLUMNS 32
 // Light beside a wide stripe that rises by less than this fraction of the median peak belongs to the stripe.
 #define RISE_OF_MEDIAN_PEAK 0.15

@@ -124,8 +124,8 @@ void wide_light(const Light *light, Work *work, const void *smooth, double sigma
     }
 }
 
-// Second peak of each column: highest light that rises again by more than `rise` with distance from the top of a wide stripe;
-// 0 if there is none.
+// Second peak of each column: highest light at which, going away from the top of a wide stripe, the light has risen again by more
+// than `rise`; 0 if there is none.
 void find_rises(const Light *light, Work *work, const int64_t *top, float rise, float *restrict second) {
     const int64_t n = light->columns;
     float *restrict lowest = (float *)work->light;
@@ -142,9 +142,9 @@ void find_rises(const Light *light, Work *work, const int64_t *top, float rise, 
         }
 }
 
-// Typical width of a stripe as the sigma of a Gaussian [px], from the rows above half the peak: only the unbroken run around
-// the top counts, not a second stripe elsewhere. smoothed: variance added by the smoothing over rows [px^2]. some, top, height:
-// (n,) examined columns, row and height of their peaks. work: (n,).
+// Typical width of a stripe as the sigma of a Gaussian [px], from the number of rows brighter than half the peak: only the
+// unbroken run around the top counts, not a second stripe elsewhere. smoothed: variance added by the smoothing over rows [px^2].
+// some, top, height: (n,) examined columns, row and height of their peaks. work: (n,).
 double stripe_sigma(const void *smooth, int64_t is_float, int64_t rows, int64_t columns, const int64_t *top,
     const float *height, const int64_t *some, int64_t n, double smoothed, float *work) {
     const int64_t reach = (int64_t)ceil(FWHM_PER_SIGMA * LARGEST_SIGMA_PX);

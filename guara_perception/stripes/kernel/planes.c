@@ -1,15 +1,15 @@
-// Pictures as planes, laser light of a pair, whose exposures may differ, and details of the light along the columns.
+// Planes of a picture; laser light of a pair of pictures whose exposures may differ; details of that light along the columns.
 #include "any_light.h"
 
-// Ratio of exposures beyond which noise, clipping and the camera's own curve differ too. Such a laser-off picture is
-// used, up to MOST_USED_GAIN, if its subtraction leaves at most MOST_LEFT grey levels of the scene in most pixels: then it shows
-// the same view.
+// Ratio of exposures beyond which noise, clipping and the camera's own curve differ too. A laser-off picture beyond it is
+// still used, up to MOST_USED_GAIN, if its subtraction leaves at most MOST_LEFT grey levels of the scene in most pixels: then it
+// shows the same view.
 #define MOST_GAIN 1.6
 #define MOST_USED_GAIN 3.0
 #define MOST_LEFT 0.9
 // The fit ends after ROUNDS, or when gain and offset change by less than SAME_GAIN and SAME_OFFSET. It is used if it leaves less
-// than FITTED_OF_PLAIN of what a plain difference leaves in all pixels, and in those above the quantile BRIGHT_FROM, which show a gain
-// best and may be few.
+// than FITTED_OF_PLAIN of what an offset alone leaves: median over all pixels plus median over those from the quantile BRIGHT_FROM
+// up, which show a gain best and may be few.
 #define ROUNDS 6
 #define SAME_GAIN 2e-4
 #define SAME_OFFSET 0.02
@@ -22,10 +22,10 @@
 // The fit uses every FIT_ROWS-th row and FIT_COLUMNS-th column in units of FIT_LEVEL per grey level, and every MEDIAN_APART-th of
 // these samples for a median. Scenes are compared by the means of blocks of BLOCK x BLOCK pixels.
 enum { MEDIAN_APART = 3, FIT_ROWS = 8, FIT_COLUMNS = 4, FIT_LEVEL = 16, BLOCK = 8 };
-// Rows above and below a pixel whose mean is subtracted from it to obtain its detail.
+// Distance of the two rows, one above and one below a pixel, whose mean is subtracted from it to obtain its detail.
 enum { DETAIL_SIDE = 5 };
 
-// Planes (channels, rows, columns / factor) of a picture: means of `factor` columns. line: 2 columns bytes.
+// Planes (channels, rows, columns / factor) of a picture: means of `factor` columns. line: 2 * columns bytes.
 void planes(const Picture *p, int64_t factor, char *line, uint16_t *out) {
     const int64_t count = p->columns / factor;
     for (int64_t k = 0; k < p->channels; k++)
@@ -51,7 +51,7 @@ void planes(const Picture *p, int64_t factor, char *line, uint16_t *out) {
 }
 
 // ---- exposure ----------------------------------------------------------------------------------------------------------
-// Fit bright = gain * dark + offset by least squares, without outliers. work: 2 n. use: (n,).
+// Fit bright = gain * dark + offset by least squares, without outliers. work: (2 * n,). use: (n,).
 static void fit(const uint16_t *restrict dark, const uint16_t *restrict bright, int64_t n, float *work, uint8_t *restrict use,
     double *gain, double *offset) {
     *gain = 1, *offset = 0;
@@ -104,8 +104,8 @@ static void block_means(const Scene *s, const uint16_t *plane, int64_t ny, int64
     }
 }
 
-// Fit the exposure of one channel of the laser-off picture. Returns the fault of that picture, or USED. was_unlike: 1 if a channel
-// before showed that the exposures differ.
+// Fit the exposure of one channel of the laser-off picture. Returns a remark on that picture, or USED; clears has_dark if it
+// cannot be used. is_changed: as in `extract_any_light`. was_unlike: 1 if an earlier channel showed that the exposures differ.
 static int64_t fit_channel(Scene *s, int64_t k, int64_t is_changed, int64_t was_unlike, Any *w) {
     const int64_t rows = s->rows, width = s->width, most = ((rows + FIT_ROWS - 1) / FIT_ROWS) * ((width + FIT_COLUMNS - 1) / FIT_COLUMNS);
     float *work = w->samples;
@@ -181,7 +181,7 @@ void subtract(Scene *s) {
     }
 }
 
-// ---- details: light above the mean of the rows DETAIL_SIDE above and below ----------------------------------------------------
+// ---- details: light minus the mean of the rows DETAIL_SIDE above and below ----------------------------------------------------
 static inline int64_t reflected(int64_t r, int64_t rows) { return r < 0 ? -r : r >= rows ? 2 * rows - 2 - r : r; }
 
 static void down(const float *across, const float *taps, float *detail, int64_t rows, int64_t width) { // smooth over nine rows

@@ -1,19 +1,19 @@
 // Measurement of a stripe along a known path, at full resolution, in a window of rows about the path.
 #include "kernel.h"
 
-// Rows of a window, of which the path is in row MIDDLE; largest shift between the windows of neighbouring columns, whose
-// INNER rows are then averaged.
+// ROWS: rows of a window; the path is in row MIDDLE. MARGIN: largest shift at which the window of a neighbouring column can be
+// used as it is. INNER: rows that are summed over three columns.
 enum { ROWS = 64, MIDDLE = 31, MARGIN = 7, INNER = ROWS - 2 * MARGIN };
 // Rows of the grey opening that estimates the background: wider than any stripe, narrower than texture.
 #define OPENING 25
-// A path jumps where it moves by more rows than JUMP_ROWS between neighbouring columns. The light on both sides of a jump is
-// compared within NEAR_ROWS of each.
+// A path jumps where it moves by more rows than JUMP_ROWS between neighbouring columns. Beside a jump, the light within
+// NEAR_ROWS of the path rows on its two sides is compared.
 #define JUMP_ROWS 4
 #define NEAR_ROWS 3
 // Largest distance of a peak from the path, in sigmas of its ridge (of the stripe if that is wide), and its least value [px].
 #define REACH_SIGMAS 1.5
 #define LEAST_REACH_PX 2
-// Largest distance of the columns in which the width of the stripe is measured, and bounds of its sigma.
+// Largest spacing of the columns in which the width of the stripe is measured, and bounds of its sigma.
 #define WIDTH_COLUMNS 8
 #define FWHM_PER_SIGMA 2.3548
 #define LEAST_SIGMA_PX 1.0
@@ -63,8 +63,8 @@ static void column_light(const Mixture *m, int64_t first, int64_t column, float 
     }
 }
 
-// Light (STRIP, ROWS) of a strip of columns, row by row, which vector instructions can do. Returns 0 without light for pictures of
-// 16 bits, and for windows that begin too far apart or reach beyond the picture.
+// Light (STRIP, ROWS) of a strip of columns, read row by row, so that vector instructions can be used. Returns 0, and
+// writes nothing, for pictures of 16 bits and for windows that begin too far apart or reach beyond the picture.
 enum { STRIP = 16, MOST_APART = 32 };
 static int strip_light(const Mixture *m, const int64_t *row, int64_t column, float *restrict out) {
     const Picture *on = m->on, *off = m->off;
@@ -161,8 +161,9 @@ static int64_t wide_near(const float *x, int64_t row, int64_t reach, double sigm
     return best;
 }
 
-// A column has no stripe if its light is below END_SHARE (near an end) or JUMP_SHARE (near a jump) of the brightest light
-// nearby, near an end also below END_SIGMAS of the noise; and anywhere below LEAST_SHARE of the strong columns: a narrow gap.
+// A column has no stripe if its light is below: near an end, END_SHARE of the brightest light nearby or END_SIGMAS times the
+// noise, whichever is larger; near a jump, JUMP_SHARE of the brightest light nearby; anywhere, LEAST_SHARE of the strong columns,
+// as in a narrow gap.
 #define END_SHARE 0.25f
 #define END_SIGMAS 4.0f
 #define JUMP_SHARE 0.1f
@@ -199,9 +200,9 @@ int64_t window_size(int64_t columns) { return columns * (ROWS + 2 * INNER) + 4 *
 
 // Measure a stripe along its path. mix, gain: weights of the channels, and factors of the laser-off picture. is_path, is_stripe,
 // is_core: (n,) masks of the columns that may have a stripe, that have one (columns without light are removed from both), and
-// that are clipped. factor: number of columns averaged to find the path. ridge: sigma of the path's ridge [px]. row: (n,) of
-// the path, receives those of the peaks. height, answers: (n,) and (SHIFTS, n), receive the light of the peaks and the responses
-// of the filters. found: receives sigma of the stripe [px] and noise of a response.
+// that are clipped. factor: number of columns averaged to find the path. ridge: sigma of the path's ridge [px]. row: (n,) rows
+// of the path, replaced by the rows of the peaks. height, answers: (n,) and (SHIFTS, n), receive the light of the peaks and the
+// responses of the filters. found: receives sigma of the stripe [px] and noise of a response.
 void measure_window(const Picture *on, const Picture *off, const double *mix, const double *gain, uint8_t *is_path,
     uint8_t *is_stripe, const uint8_t *is_core, int64_t factor, double ridge, float *work, int64_t *row, float *height,
     float *answers, double *found) {

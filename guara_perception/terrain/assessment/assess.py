@@ -43,7 +43,8 @@ def assess_layers(
         resolution: cell edge [m].
         limits: traversability limits.
         drift: (ny, nx, 2) possible drift of each cell of the fused map along y and x [cells]; None for a single scan.
-        shared: (ny, nx) variance shared by neighbouring cells [m^2]. It is part of `variance`; no test uses it.
+        shared: (ny, nx) variance shared by neighbouring cells [m^2]. It is added to the layer `variance`; no test uses
+            it.
         slope_sigma: standard deviation of slopes due to errors that the cells of a disc share, such as the frame's tilt
             relative to gravity: one value, or (ny, nx) [rad].
         beyond: width of a margin on each side that the tests read but the returned layers do not contain [cells].

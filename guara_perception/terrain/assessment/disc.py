@@ -36,9 +36,9 @@ def edge_cells(
     because heights may change with a neighbouring stripe, and an edge within a cell may show only in the next cell.
 
     Unknown cells, rises and falls are therefore at least one disc radius away from the sole, and do not get under it
-    while the map drifts by no more than this radius. In the map, the extra ring is replaced by a sole that is wider on
-    each side, which also keeps away from hazards. It is wider by one cell, so that nothing unsafe reaches the sole's
-    rim, or by the excess of the drift over the disc radius if that is more.
+    while the map drifts by no more than this radius. In the map, the sole is widened on each side instead of
+    the extra ring, which also keeps it away from hazards: by one cell, so that nothing unsafe reaches its rim, or, if
+    more, by the excess of the drift over the disc radius.
 
     Args:
         flags: (ny, nx) hazard flags.

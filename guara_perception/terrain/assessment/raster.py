@@ -113,7 +113,7 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
 def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
     """Rasterise `count` independent swaths at once.
 
-    Each swath takes memory for the columns of all swaths, so the swaths should be neighbours.
+    The work array spans the columns of all swaths, so the swaths should be neighbours.
     """
     if not samples.runs:
         return [NO_SAMPLES] * count
@@ -122,7 +122,7 @@ def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry
 
     points, variance = (np.ascontiguousarray(values, np.float64) for values in (samples.points, samples.variance))
     cell, columns = _cells(points, geometry)
-    # Cells of the columns that any swath touches. No more cells of a swath are filled than it has samples.
+    # Cells of the columns that any swath touches. A swath fills at most as many cells as it has samples.
     first, end = (int(column) * (geometry.shape[0] + 2) for column in (columns[0], columns[1] + 1))
     span, most = end - first, min(cell.size, count * (end - first))
     work, sums, cells, bounds = (

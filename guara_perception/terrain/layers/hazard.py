@@ -49,7 +49,7 @@ MEANING = {
     Hazard.OCCLUDED: "hidden from camera or laser by something nearer",
     Hazard.UNSCANNED: "not observed: out of view, stripe not fired or frame missing",
     Hazard.OUT_OF_RANGE: "below or above the heights that count as terrain",
-    Hazard.AMBIGUOUS: "unreliable return: two stripes, saturation or a mixed edge",
+    Hazard.AMBIGUOUS: "unreliable return: two stripes, saturation, or light from both sides of an edge",
     Hazard.SELF: "hidden by the robot's own leg or body",
     Hazard.SOFT: "a foot sank or slid on ground like this",
     Hazard.STEEP: "too steep",

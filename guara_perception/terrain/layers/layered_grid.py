@@ -88,7 +88,7 @@ class Gridded:
     def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Mask: ...
 
     def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Any:
-        """Test if a sole may be centred on the cell under each point. Scalars give a bool; False outside."""
+        """Test whether a sole may be centred on the cell under each point. Scalars give a bool; False outside."""
         refuse_stale(self.stale_because, allow_stale)
         score = look_up(self, "traversability", x, y, np.float32(0))
         return score > 0 if score.ndim else bool(score > 0)

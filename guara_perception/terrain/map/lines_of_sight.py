@@ -21,15 +21,15 @@ from kinematics.transforms import transform_points
 HIGHEST_M = 0.14
 # Margin around the scanned area in which ground below rays is bounded too.
 BESIDE_CELLS = 20
-# Distance within which a bound must also hold in the neighbouring cells of its scan. In the map, it must hold in all
-# scan cells that a map cell may touch, given the drift.
+# Number of neighbouring cells on each side in which a bound must also hold, in the grid of its scan. In the map, it
+# must hold in all scan cells that a map cell may touch at the drift since the scan.
 AROUND_CELLS = 1
 # Largest drift at which a bound is still used.
 FARTHEST_DRIFT_CELLS = 10
 # Sideways components of rays, as fractions of that of a ray from the mirror. The light may diverge from the mirror,
-# from a line lens before it along the beam, or from farther away; a bound must hold in all cases. If rays of two
-# successive values from level ground pass over the same cell, their ground points are at most about 15 mm apart; the
-# neighbours of these points count too.
+# from a line lens before it along the beam, or from farther away; a bound must hold in all cases. Rays of
+# two successive values that pass over the same cell start at most about 15 mm apart on level ground; bounds must also
+# hold in the neighbouring cells, which covers the points between.
 SIDEWAYS_SHARES = tuple(number / 7 for number in range(8))
 # Value of a cell without a bound [m].
 NONE = np.float32(9.0)
@@ -99,7 +99,7 @@ def ceiling_of(
     the scan, plus the drift in z; both drifts are multiplied by the confidence of the limits. The lowest of these
     bounds counts. A bound expires at the age at which ground becomes STALE. It is not used where the drift exceeds
     FARTHEST_DRIFT_CELLS, or where a later scan measured something higher. A later observation without a return does not
-    remove a bound, because a hole is lower.
+    remove a bound: if it is a hole, the ground is lower still.
 
     Args:
         scans: lines of sight of the walk, oldest first.
@@ -126,7 +126,7 @@ def ceiling_of(
         aside = now.sideways.variances(pauses, in_odom[inside, 0], in_odom[inside, 1], pose)
         drift = confidence * np.sqrt(aside) / geometry.resolution
         near = (drift <= FARTHEST_DRIFT_CELLS).all(axis=0)
-        # Wherever its centre is in a cell, a square of this half extent touches no cell farther away than `around`.
+        # A square of this half extent, wherever in a cell its centre lies, touches no cell beyond `around`.
         inside, around = inside[near], np.ceil(drift[:, near] + half - 1e-9).astype(np.intp)
         if not inside.size:
             continue

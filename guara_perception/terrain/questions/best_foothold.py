@@ -180,7 +180,7 @@ def checked_disc(x: float, y: float, radius: float) -> tuple[float, float, float
     """Reject a nominal position that is not finite, and a radius outside 0 ... 1 m.
 
     Raises:
-        InvalidInput: as above, or a value is no number.
+        InvalidInput: as above, or a value is not a number.
     """
     if not all(isinstance(value, int | float | np.number) for value in (x, y, radius)):
         raise InvalidInput(f"x, y and radius are {x!r}, {y!r}, {radius!r}; three numbers are needed [m]")

@@ -110,7 +110,7 @@ def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
     a straight edge between neighbouring treads, all edges must be nearly parallel, and no tread between two edges may
     be more than twice as deep as their median. An edge is in the middle of the gap between the known cells of both
     treads, or at the border of the upper tread if the gap is wider than 30 mm (or 2.2 cells, if that is more).
-    `check_foothold` decides if a foot may be placed on a tread.
+    `check_foothold` decides whether a foot may be placed on a tread.
 
     Raises:
         InvalidInput: the metadata of the grid lacks limits.

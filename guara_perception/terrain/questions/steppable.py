@@ -67,7 +67,7 @@ class SteppableRegion(FrozenArrays):
         return np.asarray(self.vertices[:, :2].mean(axis=0))
 
     def contains(self, x: float, y: float) -> bool:
-        """Test if a point is inside the region or on its border."""
+        """Test whether a point is inside the region or on its border."""
         return bool((self.halfspaces[:, :2] @ (x, y) <= self.halfspaces[:, 2] + 1e-12).all())
 
 

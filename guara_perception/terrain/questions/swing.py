@@ -164,7 +164,7 @@ def _hull(line: Float, heights: Float) -> Float:
 
 
 def _is_below(along: Float, heights: Float, a: int, b: int, c: int) -> bool:
-    """Test if point b is on or below the line from a to c."""
+    """Test whether point b is on or below the line from a to c."""
     return bool((along[b] - along[a]) * (heights[c] - heights[a]) >= (heights[b] - heights[a]) * (along[c] - along[a]))
 
 

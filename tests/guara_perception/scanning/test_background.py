@@ -232,8 +232,8 @@ def test_ground_whose_texture_is_elsewhere_was_left(rig: Rig) -> None:
     found = witness.moved(STRIPES, None)
     assert found[34] == math.inf and not found.keys() & {30, 32}
     assert motion_text(dict.fromkeys(STRIPES, math.inf), 0, 4, has_track=False) == (
-        f"{CAMERA_MOVED}: 4 of 4 stripes are not used, their images show other ground: the robot must stand still, or "
-        "stream its joints"
+        f"{CAMERA_MOVED}: 4 of 4 stripes not used, their images show other ground: the robot must stand still, or "
+        "stream its joint positions"
     )
 
 
@@ -314,8 +314,8 @@ def test_joints_that_claim_another_motion_are_contradicted(rig: Rig) -> None:
 def test_parted_stripes_are_named() -> None:
     assert motion_text({}, 0, 35, has_track=True) == ""
     text = motion_text({3: 0.004, 5: 0.0071}, 4, 35, has_track=False)
-    assert text.startswith("camera moved: 2 of 35 stripes are not used, off by up to 7 mm")
-    assert "4 pairs of neighbouring stripes are not joined" in text
+    assert text.startswith("camera moved: 2 of 35 stripes not used, off by up to 7 mm")
+    assert "4 pairs of neighbouring stripes not joined" in text
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])

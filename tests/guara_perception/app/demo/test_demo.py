@@ -209,11 +209,11 @@ def test_a_walk_as_promised_has_no_failures() -> None:
         ({"footholds": [foothold(is_scanned=False) for _ in range(9)]}, "0 hind footholds on scanned ground"),
         (
             {"footholds": [foothold()] * 8 + [foothold(is_hazard=True, step=5)]},
-            "1 footholds on a hazard, the first at step 5",
+            "footholds on a hazard: 1, the first at step 5",
         ),
         (
             {"footholds": [foothold()] * 8 + [foothold(is_swing_refused=True, step=7)]},
-            "1 swings refused by check_path, the first at step 7",
+            "swings refused by check_path: 1, the first at step 7",
         ),
         ({"unknown_called_safe": 3}, "3 unknown cells were called traversable"),
     ],

@@ -223,7 +223,8 @@ def test_a_scan_that_was_cut_short_judges_no_journal(
         fused = cut.fuse(walk_map)
         assert same(fused, cut.fuse(WalkMap(robot, calibration)))
         assert any(
-            "cut short; the next scan decides if the journal fits" in why for why in fused.metadata["health"]["reasons"]
+            "cut short; the next scan decides whether the journal fits" in why
+            for why in fused.metadata["health"]["reasons"]
         )
         walk_map.keep()
         # It must not replace the pending journal.

@@ -113,5 +113,5 @@ def test_without_a_stream_a_swaying_robot_is_refused(
         assert wrong(grid, errors_of(grid, robot, begun[grid.step])) == 0
         assert grid.is_provisional or not np.isfinite(grid.elevation).any()
     reasons = [reason for grid in grids for reason in grid.record.health.reasons]
-    assert any("camera moved" in reason and "stream its joints" in reason for reason in reasons)
+    assert any("camera moved" in reason and "stream its joint positions" in reason for reason in reasons)
     assert any("withdrawn: the camera moved by" in reason for reason in reasons)
