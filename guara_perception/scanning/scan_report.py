@@ -135,7 +135,8 @@ def scan_record(
         reasons.append(f"{UNSEEN}; robot.toml ([pause] stance_sway) allows for {amplitude}")
     if proof.unproved:
         reasons.append(
-            f"{OTHER_INSTANT}, perhaps: stripes not used, because no dark flash came later: {len(proof.unproved)}"
+            f"{OTHER_INSTANT}, perhaps: {len(proof.unproved)} of {planned.stripes_planned} stripes not used, because "
+            "no dark flash followed"
         )
     missing = [index for index in geometry.stripes if index not in profiles]
     if missing:
