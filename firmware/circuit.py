@@ -123,7 +123,7 @@ PARTS = (
         "SW2",
         "RUN",
         "6 x 6 mm",
-        "push button: holds the Pico in reset (first power)",
+        "push button: holds the Pico in reset (first power-up)",
         ("Omron B3F", "TE FSM", "Wurth 430"),
         (("1", "RUN"), ("2", "GND")),
         SUPPLY,

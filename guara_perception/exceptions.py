@@ -27,7 +27,7 @@ class FileFormatError(PerceptionError, ValueError):
     """A file that cannot be read, or whose content is invalid; the message names file and fault.
 
     Attributes:
-        findings: faults of the file, one or more.
+        findings: descriptions of the errors, one or more.
     """
 
     findings: tuple[str, ...]
@@ -35,7 +35,7 @@ class FileFormatError(PerceptionError, ValueError):
     def __init__(self, *findings: str) -> None:
         """Join all findings in one message."""
         numbered = "; ".join(f"({number}) {text}" for number, text in enumerate(findings, 1))
-        super().__init__(findings[0] if len(findings) == 1 else f"{len(findings)} findings: {numbered}")
+        super().__init__(findings[0] if len(findings) == 1 else f"{len(findings)} errors: {numbered}")
         self.findings = findings
 
 

@@ -64,7 +64,7 @@ def _is_bounded(content: bytes, source: str) -> bool:
         return False
     if not 0 < width * height <= MOST_PIXELS:
         raise FileFormatError(
-            f"{source}: the picture has {width} x {height} px; allowed: 1 ... {MOST_PIXELS} px in all"
+            f"{source}: the picture has {width} x {height} px; allowed: 1 ... {MOST_PIXELS} px in total"
         )
     return True
 

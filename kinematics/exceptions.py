@@ -38,7 +38,7 @@ class RobotFileError(KinematicsError, ValueError):
         super().__init__(
             findings[0]
             if len(findings) == 1
-            else f"{len(findings)} findings: " + "; ".join(f"({i}) {text}" for i, text in enumerate(findings, 1))
+            else f"{len(findings)} errors: " + "; ".join(f"({i}) {text}" for i, text in enumerate(findings, 1))
         )
         self.findings = findings
 

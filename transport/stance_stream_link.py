@@ -39,7 +39,7 @@ class JointSample:
     """Sample of a stance stream.
 
     Attributes:
-        stamp: time of the sample, on the clock that stamps the pauses [ns since the epoch].
+        stamp: time of the sample, on the clock that stamps the pauses [ns since the Unix epoch].
         joint_positions: position of each joint by name [rad].
         support_feet: names of the legs that carry weight.
         gravity_in_base: direction of gravity in `base_link`, pointing down, or `NOT_MEASURED`.
@@ -139,7 +139,7 @@ class StanceStreamPublisher(Sender):
         A complete batch of earlier samples is sent (see `Batcher.add`); `flush` sends the rest.
 
         Args:
-            stamp: time of the joint positions, on the clock that stamps the pauses [ns since the epoch].
+            stamp: time of the joint positions, on the clock that stamps the pauses [ns since the Unix epoch].
             stance: joint positions, support feet and, if there is an IMU, gravity.
             angular_velocity: angular velocity of the body in `base_link` [rad/s]; None if not measured.
 

@@ -153,8 +153,8 @@ class Reply(NamedTuple):
     """Reply to a query, or the end of the query.
 
     Attributes:
-        key: key of the reply. With security, it identifies the sender, because access rules restrict who may use the
-            key.
+        key: key of the reply. If access control is enabled, it identifies the sender, because access rules restrict who
+            may use the key.
         payload: payload of the reply; None for an error.
         error: payload of an error, or None.
         attachment: attachment of the reply, or None.

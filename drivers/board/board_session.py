@@ -254,8 +254,8 @@ def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | 
         identity: identity of the board, which contains the travel for the error message; None = unknown.
 
     Raises:
-        BoardError: the board refused the command. The subclass gives the cause, unless an argument other than a step
-            is out of range.
+        BoardError: the board refused the command. A subclass names the cause, except for an argument other than a step
+            that is out of range.
     """
     match status.result:
         case Result.OK:
@@ -295,9 +295,9 @@ def check_version(identity: BoardIdentity) -> None:
     if major == PROTOCOL_MAJOR:
         return
     too_old = major < PROTOCOL_MAJOR
-    advice = "flash a newer firmware to the board" if too_old else "update this software"
+    advice = "flash newer firmware to the board" if too_old else "update this software"
     firmware = f"{identity.firmware[0]}.{identity.firmware[1]}"
     raise ProtocolMismatch(
         f"the board speaks protocol {major}.{minor} (firmware {firmware}), "
-        f"this driver speaks {PROTOCOL_MAJOR}.{PROTOCOL_MINOR} and works with any {PROTOCOL_MAJOR}.x: {advice}"
+        f"but this driver speaks {PROTOCOL_MAJOR}.{PROTOCOL_MINOR} and works only with {PROTOCOL_MAJOR}.x: {advice}"
     )

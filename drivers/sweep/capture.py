@@ -12,7 +12,9 @@ from drivers.sweep.firing_order import PlannedStripe
 
 
 class StripeVerdict(enum.Enum):
-    """Verdict on a stripe. A stripe is in step unless laser, mirror or frame contradict the commands.
+    """Verdict on a stripe.
+
+    A stripe is in step unless its frame is lost, or laser, mirror or frame contradict the commands.
 
     Attributes:
         OK: laser, mirror and frame are in step.
@@ -25,7 +27,8 @@ class StripeVerdict(enum.Enum):
         OUT_OF_BAND: the stripe is outside the rows in which it can be.
         REPEATED: the frame is identical to the off frame or to the previous on frame, although laser or mirror changed.
         RESIZED: size or dtype of the frame differs from that of earlier frames.
-        LOST: the frame of the stripe, or of the dark flash after it, did not arrive or could not be verified.
+        LOST: the frame of the stripe, or of the dark flash after it (a frame with the laser off), did not arrive or
+            could not be verified.
     """
 
     OK = "ok"
@@ -139,12 +142,12 @@ class ScanReport:
         verdicts: (index, verdict) of each stripe handed over, in order.
         stopped_early: True if `should_stop` ended the scan.
         failure: text of the error that ended the scan, or None.
-        frames_used: number of frames accepted, where a shared off frame counts once; in a sweep, number of stripes with
-            verified frames.
+        frames_used: number of frames accepted, where a shared off frame counts once; in a sweep (the board moves the
+            mirror by itself), number of stripes with verified frames.
         frames_skipped: number of frames discarded because they may have been exposed before a command had taken effect;
             in a sweep, because they have no device time.
-        frames_dropped: number of frames that the camera counted but never delivered while one was expected; in a sweep
-            (the board moves the mirror by itself), at any time.
+        frames_dropped: number of frames that the camera counted but did not deliver: in a sweep, all of them;
+            otherwise, only those that were due while a frame was expected.
         frames_repeated: number of frames that were delivered twice.
         duration: time from the start of the scan to the stamp of its last frame [s].
         problems: descriptions of problems; empty for a good scan.

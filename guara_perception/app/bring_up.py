@@ -1,4 +1,4 @@
-"""First power-up of a laser board built as in docs/build.md, point by point, with measurements by the board itself."""
+"""First power-up of a laser board built as in docs/build.md, step by step, with measurements by the board itself."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.board.protocol import BoardFault, describe_faults
 from drivers.errors import HomeNotFound, LaserDead, LaserRefused, LaserStuckOn
 from guara_perception.exceptions import InvalidInput, PerceptionError
 
-# Points that must have passed with an LED before a laser may be connected.
+# Steps that must have passed with an LED before a laser may be connected.
 DARK = ("5", "6")
 RECORD = "bring_up.json"
 TRIES = 3
@@ -21,8 +21,8 @@ LATE, PERIOD, BEFORE_LIMIT = 0.06, 0.1, 2.0
 HOMINGS = 10
 
 
-class PointFailed(PerceptionError):
-    """Failure of a point of the first power-up; the message names the remedy."""
+class StepFailed(PerceptionError):
+    """Failure of a step of the first power-up; the message names the remedy."""
 
 
 class BringUp:
@@ -33,7 +33,7 @@ class BringUp:
 
         Args:
             board: the board, closed.
-            folder: folder of bring_up.json, the record of passed points.
+            folder: folder of bring_up.json, the record of passed steps.
             ask: function that shows a question and returns the answer.
             show: function that shows a line.
         """
@@ -41,13 +41,13 @@ class BringUp:
         self._laser = False
 
     def run(self) -> None:
-        """Guide the operator through the points that apply to the light at J1, which is an LED or a laser.
+        """Guide the operator through the steps that apply to the light at J1, which is an LED or a laser.
 
         A run with an LED starts with an empty record.
 
         Raises:
-            PointFailed: a point did not pass; it is removed from the record.
-            InvalidInput: no valid answer was given, a laser is connected before points 5 and 6 have passed with an
+            StepFailed: a step did not pass; it is removed from the record.
+            InvalidInput: no valid answer was given, a laser is connected before steps 5 and 6 have passed with an
                 LED, or bring_up.json is not a record.
             DriverError: the board cannot be reached, or fails unexpectedly.
         """
@@ -55,46 +55,51 @@ class BringUp:
         with self._board:
             serial = self._board.serial
         passed = self._passed(serial)
-        missing = [point for point in DARK if point not in passed]
+        missing = [step for step in DARK if step not in passed]
         if self._laser and missing:
             raise InvalidInput(
-                f"a laser is wired to J1, but board {serial} has not passed point{'s' * (len(missing) > 1)} "
+                f"a laser is wired to J1, but board {serial} has not passed step{'s' * (len(missing) > 1)} "
                 f"{' and '.join(missing)} with an LED. Open SW1, wire the LED of docs/build.md to J1 and start again"
             )
         if not self._laser:
             passed = set()
             self._write(serial, passed)
-        points = {"2": self._identify, "3": self._dark, "4": self._blind, "5": self._silence, "6": self._cut}
-        points["7"] = self._motor
-        for point, check in points.items():
-            if self._laser and point in ("4", "7"):
+        steps = {"2": self._identify, "3": self._dark, "4": self._blind, "5": self._silence, "6": self._cut}
+        steps["7"] = self._motor
+        for step, check in steps.items():
+            if self._laser and step in ("4", "7"):
                 continue
             try:
                 found = check()
             except BaseException:
-                self._write(serial, passed - {point})
+                self._write(serial, passed - {step})
                 raise
-            self._show(f"ok    point {point}: {found}")
-            passed |= {point}
+            self._show(f"ok    step {step}: {found}")
+            passed |= {step}
             if not self._laser:
                 self._write(serial, passed)
         if self._laser:
             self._show("The laser goes dark as it should. Measure its power: it must be below 1 mW (docs/build.md)")
         else:
-            self._show("Open SW1, glue the mirror on, exchange the LED for the laser, and run this again")
+            self._show("Open SW1, glue the mirror on, replace the LED with the laser, and run this again")
 
     def _identify(self) -> str:
         with self._board as board:
             status, identity = board.status(), board.identity
         if status.laser_sensed:
-            raise PointFailed("LIGHT is high though the laser is off: check R11, D3 and U3, or leave LIGHT open")
+            raise StepFailed(
+                "LIGHT is high though the laser is off: check R11, D3 and U3, or leave LIGHT unconnected for now"
+            )
         return f"board {board.serial} speaks protocol {identity.protocol[0]}.{identity.protocol[1]}"
 
     def _dark(self) -> str:
-        self._do("Wire everything but photodiode and motor (with a laser: all), close SW1, and send no command")
+        self._do(
+            "Wire everything except the photodiode and the motor (with a laser: everything), close SW1, and send no "
+            "commands"
+        )
         self._confirm(
             "Is it dark, and does a voltmeter at CHAIN show 0 V?",
-            "Q1 conducts without heartbeats: check R1, R2, R3, and that ALIVE is low. Open SW1",
+            "Open SW1. Q1 conducts without heartbeats: check R1, R2 and R3, and check that ALIVE is low",
         )
         return "dark without heartbeats"
 
@@ -106,7 +111,7 @@ class BringUp:
                 board.laser_on()
             except LaserDead:
                 return "the missing photodiode was detected"
-        raise PointFailed("the board senses light without a photodiode: LIGHT must be low; check U3 and R10")
+        raise StepFailed("the board senses light without a photodiode: LIGHT must be low; check U3 and R10")
 
     def _silence(self) -> str:
         self._do("Connect D3, place the light of J1 in front of it, and trim RV2 (docs/build.md)")
@@ -118,13 +123,13 @@ class BringUp:
             status = board.status()
             taken = status.device_time - began
             if status.laser_sensed or BoardFault.WATCHDOG not in status.faults:
-                raise PointFailed(
-                    f"the watchdog did not turn the light off within {taken:.2f} s of the last command. Open SW1; "
+                raise StepFailed(
+                    f"Open SW1. The watchdog did not turn the light off within {taken:.2f} s of the last command: "
                     "flash the firmware again"
                 )
         self._confirm(
             "Did it light up and go out by itself within half a second?",
-            "the photodiode senses light that you do not see: only the light of J1 may reach D3. Open SW1",
+            "Open SW1. The photodiode senses light that you do not see: only the light of J1 may reach D3",
         )
         self._do("Bridge Q4 from CHAIN to LASER_PLUS, so that the light is stuck on")
         with self._board as board:
@@ -134,21 +139,21 @@ class BringUp:
                 board.laser_off()
             except (LaserStuckOn, LaserRefused):
                 pass
-            # The board evaluates the photodiode for some milliseconds before and after it opens the supply.
+            # The board evaluates the photodiode for some milliseconds before and after it cuts the supply.
             timing.sleep(LATE)
             status = board.status()
             if BoardFault.LASER_STUCK_ON not in status.faults or status.laser_sensed:
-                raise PointFailed("the board did not detect the stuck light: check the bridge of Q4, and D3. Open SW1")
-            self._confirm("Is it dark now?", "SUPPLY is low and Q1 conducts: check Q1, Q2 and R1. Open SW1")
+                raise StepFailed("Open SW1. The board did not detect the stuck light: check the bridge of Q4, and D3")
+            self._confirm("Is it dark now?", "Open SW1. SUPPLY is low, but Q1 still conducts: check Q1, Q2 and R1")
             self._do("Remove the bridge")
             faults = board.clear_faults().faults
             if faults:
-                raise PointFailed(f"without the bridge the board still reports: {describe_faults(faults)}. Open SW1")
-        return f"dark at most {taken:.2f} s after the last command; the supply is opened if the light is stuck on"
+                raise StepFailed(f"Open SW1. Without the bridge, the board still reports: {describe_faults(faults)}")
+        return f"dark at most {taken:.2f} s after the last command; the supply is cut if the light is stuck on"
 
     def _cut(self) -> str:
-        for action, back, reset, remedy in (
-            ("hold RUN (SW2)", "Release RUN", True, "LASER and SUPPLY must go low during a reset: check R2 and R5"),
+        for action, back, reset, cause in (
+            ("hold RUN (SW2)", "Release RUN", True, "LASER and SUPPLY do not go low during a reset: check R2 and R5"),
             (
                 "pull the wire of HEARTBEAT off",
                 "Put the wire of HEARTBEAT back on",
@@ -158,21 +163,23 @@ class BringUp:
             ("open SW1", "Close SW1", False, "SW1 is not in the laser's circuit: check the wire from F1 to Q1"),
         ):
             self._do(f"Get ready to {action}: do it during the few seconds in which the light is on")
-            self._lose_light(action, reset, remedy)
-            self._confirm("Did it go dark within half a second?", f"{remedy}. Open SW1")
+            self._wait_for_dark(action, reset, cause)
+            self._confirm(
+                "Did it go dark within half a second?", f"Unplug the board. The light does not go out in time: {cause}"
+            )
             self._do(back)
         return "dark after a reset, without heartbeats, and with SW1 open"
 
-    def _lose_light(self, action: str, reset: bool, remedy: str) -> None:
-        """Turn the light on, and wait until it is lost in the expected way.
+    def _wait_for_dark(self, action: str, reset: bool, cause: str) -> None:
+        """Turn the light on, and wait until it goes out in the expected way.
 
         Args:
             action: what the operator has to do, for the message.
             reset: True if the board must stop answering, False if it must report the missing light.
-            remedy: remedy if the light stays on, for the message.
+            cause: cause if the light stays on, and its remedy, for the message.
 
         Raises:
-            PointFailed: the light cannot be turned on, stays on, or is lost in another way.
+            StepFailed: the light cannot be turned on, stays on, or goes out in another way.
             BoardError: the board failed before the light was on.
         """
         lit = False
@@ -187,44 +194,44 @@ class BringUp:
                 board.laser_off()
         except LaserDead as dark:
             if reset:
-                raise PointFailed(f"the light was lost but the board still answers: {action} as asked") from dark
+                raise StepFailed(f"the light went out, but the board still answers: {action} as asked") from dark
             return
         except BoardError as gone:
             if not lit:
                 raise
             if not reset or isinstance(gone, LaserRefused | LaserStuckOn):
-                raise PointFailed(f"expected the light to go out while the board answers, but: {gone}") from gone
+                raise StepFailed(f"expected the light to go out while the board answers, but: {gone}") from gone
             return
-        raise PointFailed(f"the light stayed on: {action} in time, or {remedy}. Open SW1")
+        raise StepFailed(f"Unplug the board. The light stayed on: either you did not {action} in time, or {cause}")
 
     def _light(self, board: LaserBoard) -> None:
         """Clear faults, then turn the light on.
 
         Raises:
-            PointFailed: the board senses light or has faults before, or senses no light afterwards.
+            StepFailed: the board senses light or has faults before, or senses no light afterwards.
         """
         status = board.clear_faults()
         if status.laser_sensed or status.faults:
             found = describe_faults(status.faults)
-            raise PointFailed(
+            raise StepFailed(
                 f"light is sensed or a fault is set before the light is turned on ({found}): "
                 "trim RV2, shade D3, check Q4"
             )
         try:
             board.laser_on()
         except LaserDead as dark:
-            raise PointFailed("no light: close SW1, point the light at D3, trim RV2, check ALIVE (RV1)") from dark
+            raise StepFailed("no light: close SW1, point the light at D3, trim RV2, check ALIVE (RV1)") from dark
 
     def _motor(self) -> str:
-        self._do("Connect motor and home switch, without mirror")
+        self._do("Connect the motor and the home switch, with no mirror on the motor")
         with self._board as board:
             try:
                 board.home()
                 lost = [error for _ in range(HOMINGS) if (error := self._away_and_home(board))]
             except HomeNotFound as missed:
-                raise PointFailed(f"{missed}. If the motor turns the wrong way, swap one coil's wires") from missed
+                raise StepFailed(f"{missed}. If the motor turns the wrong way, swap one coil's wires") from missed
         if lost:
-            raise PointFailed(
+            raise StepFailed(
                 f"{len(lost)} of {HOMINGS} homings lost steps ({', '.join(map(str, lost))}): raise the motor's "
                 "current, or lower TOP_SPEED and ACCELERATION in firmware/config.h"
             )
@@ -239,7 +246,7 @@ class BringUp:
 
     def _confirm(self, question: str, remedy: str) -> None:
         if self._choose(question, ("yes", "no")) == "no":
-            raise PointFailed(remedy)
+            raise StepFailed(remedy)
 
     def _choose(self, question: str, allowed: tuple[str, ...]) -> str:
         for _ in range(TRIES):
@@ -250,7 +257,7 @@ class BringUp:
         raise InvalidInput(f"no valid answer to {question!r} in {TRIES} tries, allowed: {', '.join(allowed)}")
 
     def _passed(self, serial: str) -> set[str]:
-        """Points that this board has passed with an LED; empty without a record, or if it belongs to another board.
+        """Steps that this board has passed with an LED; empty without a record, or if it belongs to another board.
 
         Raises:
             InvalidInput: the file is not a record.
@@ -269,7 +276,7 @@ class BringUp:
 
 
 def bring_up(board: object, folder: Path, ask: Callable[[str], str], show: Callable[[str], None]) -> bool:
-    """Guide the operator through the first power-up; return False if a point or a device fails, otherwise True.
+    """Guide the operator through the first power-up; return False if a step or a device fails, otherwise True.
 
     Raises:
         InvalidInput: the board is not a `LaserBoard`; see also `BringUp.run`.
@@ -278,7 +285,7 @@ def bring_up(board: object, folder: Path, ask: Callable[[str], str], show: Calla
         raise InvalidInput(f"the first power-up is for the board of docs/build.md, not for {type(board).__name__}")
     try:
         BringUp(board, folder, ask, show).run()
-    except (PointFailed, DriverError) as failure:
+    except (StepFailed, DriverError) as failure:
         show(f"FAIL  {failure}")
         return False
     return True

@@ -66,7 +66,7 @@ class TerrainSummary(FromMap, Gridded):
         traversability: from 0 (not traversable) to 1 (ideal), rounded down to a multiple of 1/255.
         geometry: origin, resolution and shape.
         frame: "base_footprint".
-        stamp: time of the scan [ns since the epoch].
+        stamp: time of the scan [ns since the Unix epoch].
         step: number of the stance pause.
         sequence: number of the summarised map.
         epoch: identity of the walk.
@@ -188,7 +188,7 @@ class MapRegions(FromMap):
     Attributes:
         robot: instance name.
         regions: `steppable_regions` of the map, largest first, for no particular leg; in base_footprint of the pause.
-        stamp: time of the scan [ns since the epoch].
+        stamp: time of the scan [ns since the Unix epoch].
         step: number of the stance pause.
         sequence: number of the map.
         epoch: identity of the walk.

@@ -41,7 +41,7 @@ def terrain_to_message(
         terrain: grid of a scan or of the fused map.
         robot: instance name of the robot.
         sequence: sequence number of this message.
-        scan_start, scan_end: times of the first and last frame [ns since the epoch]; None = the grid's stamp.
+        scan_start, scan_end: times of the first and last frame [ns since the Unix epoch]; None = the grid's stamp.
         valid_for: upper limit of the grid's validity after `scan_end` [s].
         stated: fields of the record to replace in the message.
 

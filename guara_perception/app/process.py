@@ -40,8 +40,8 @@ def process_scan(
         method: one of `guara_perception.scanning.stripe_finder.METHODS`.
         resolution: cell edge [m]; None = the robot's default.
         threshold: binarisation threshold of the paper's methods [8-bit grey levels]; None = chosen for each frame.
-        area: "footprint"; or "wide", which extends along y like the robot's map, so that `TerrainMap.update` gets more
-            ground.
+        area: "footprint"; or "wide", which is extended along y to the width of the robot's map, for
+            `TerrainMap.update`.
         pictures: True to add the range images (`terrain.pictures`).
         strict: True to reject a scan with an unusable frame; False to leave the ground of its stripe unknown. If
             `scan` is the path of a folder, a missing frame is an error in either case.
@@ -51,8 +51,8 @@ def process_scan(
         TerrainGrid of a single scan; its `extent` is "footprint" for both areas.
 
     Raises:
-        CalibrationMismatch: scan or calibration belongs to another robot than `robot`, or the calibration does not
-            match the camera, the image size or the stripes of the scan.
+        CalibrationMismatch: the scan or the calibration belongs to a robot other than `robot`, or the calibration does
+            not match the camera, the image size or the stripes of the scan.
         InvalidInput: there is no calibration; the method or area is unknown, the threshold or resolution is invalid; a
             stance or a stripe index does not fit the robot; the camera moved during the scan; the node withdrew the
             grid of the scan; the path contains no scan or several; or, with `strict`, a frame is unusable.

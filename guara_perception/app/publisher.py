@@ -37,7 +37,7 @@ def send_terrain(
         server: the node's side of the transport.
         terrain: grid of either extent. A footprint is also sent as OccupancyGrid and GridMap, a map as summary and
             steppable regions.
-        scan_start, scan_end: times of the first and last frame [ns since the epoch]; None = the grid's stamp.
+        scan_start, scan_end: times of the first and last frame [ns since the Unix epoch]; None = the grid's stamp.
         scan_end_clock: time of the last frame on `transport.clock` [s]; None = computed from `scan_end` and the wall
             clock.
         valid_for: upper limit of the grid's validity after `scan_end` [s].

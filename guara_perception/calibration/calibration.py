@@ -20,7 +20,7 @@ VERDICTS = ("good", "usable", "refused", "unknown")
 UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-10)
 # Least depth of a point in front of the camera.
 NEAREST_DEPTH_M = 1e-6
-# Number of points projected at once, so that intermediate results stay in the processor's cache.
+# Number of points projected at once, so that intermediate results stay in the CPU cache.
 BLOCK = 2048
 # Largest image side, so that a wrong size in a file cannot exhaust the memory.
 LARGEST_SIDE_PX = 8192

@@ -17,7 +17,7 @@ from kinematics.arrays import read_only
 
 # Sine of the angle between ray and laser plane (about 3 degrees) below which the distance is too uncertain.
 MIN_SINE_TO_PLANE = 0.05
-# Numbers of polynomial coefficients, tried in this order. A usual lens needs 16; a lens whose distortion is not
+# Numbers of polynomial coefficients, tried in this order. A typical lens needs 16; a lens whose distortion is not
 # monotonic near a corner of the image needs more.
 COUNTS = (16, 24)
 # Largest error of a ray, projected into the image, at the points where the polynomials are checked [px]. The error of
@@ -71,8 +71,8 @@ class Triangulator:
             grazing angle or behind the camera; and standard deviations (..., w) of their heights [m], propagated to
             first order.
         """
-        # d(depth R r)_z / dv = depth / fy * (R_zy - (R r)_z n_y / (n . r)); that the lens changes
-        # 1 / fy by a few per cent is neglected.
+        # d(depth R r)_z / dv = depth / fy * (R_zy - (R r)_z n_y / (n . r)); the change
+        # of 1 / fy due to lens distortion, a few per cent, is neglected.
         rows, sigma, planes = (np.ascontiguousarray(v, np.float64) for v in (position_px, sigma_px, plane_in_camera))
         points, deviation = np.empty((3, *rows.shape)), np.empty(rows.shape)
         size = rows.size // rows.shape[-1], rows.shape[-1]

@@ -182,7 +182,7 @@ class _Picture:
         """
         pixel = row.astype(np.int32)
         np.clip(pixel, np.int32(0), np.int32(ROWS + 1), out=pixel)
-        # Relative to the first row of this group, so that the sums over a few rows stay in the processor's cache.
+        # Relative to the first row of this group, so that the sums over a few rows stay in the CPU cache.
         first = int(pixel.min())
         pixel -= np.int32(first)
         pixel *= np.int32(COLUMNS + 2)

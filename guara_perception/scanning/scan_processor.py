@@ -84,7 +84,7 @@ class ScanProcessor:
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
             threshold: binarisation threshold of the paper's methods [8-bit grey levels]; None = set for each frame.
             resolution: edge length of a cell [m], a divisor of both sides of the footprint; None = the robot's default.
-            stamp: time of the end of the scan [ns since the epoch].
+            stamp: time of the end of the scan [ns since the Unix epoch].
             step: number of the stance pause.
             track: poses of the body relative to this stance, for a robot that sways. Each stripe is placed at the
                 `instant` of its `FramePair`; a stripe whose pose is unknown is not used. Samples may be added to the
@@ -152,7 +152,7 @@ class ScanProcessor:
         self._witness = BackgroundWitness(calibration.camera, to_camera, self._corners)
         # Cached result of `_what_is_proved`, preceded by the version of the inputs.
         self._proved: tuple[tuple[object, ...], Proved] | None = None
-        # Index and laser-off image of the usable stripe with the lowest index, which is fired first.
+        # Index and laser-off image of the usable stripe with the lowest index, usually the first one fired.
         self._off: tuple[int, Grey] | None = None
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
@@ -259,7 +259,7 @@ class ScanProcessor:
 
     def _prove(self, proof: Proof) -> Proved:
         width = self._calibration.camera.size[0]
-        unproved = f"{OTHER_INSTANT}: no dark flash came after it"
+        unproved = f"{OTHER_INSTANT}, perhaps: no dark flash followed this stripe"
         forbidden = dict.fromkeys(proof.doubled, SECOND_LINE) | dict.fromkeys(proof.unproved, unproved)
         left = "" if self._places is None else self._places.left
         places = None if self._places is None or left else dict(self._places.places)
@@ -270,7 +270,8 @@ class ScanProcessor:
             claimed = {index: place.transform_camera_to_footprint for index, place in places.items()}
             parted = parted_pairs(places, self._pattern.step, self._corners)
         moved = {i: rise for i, rise in self._witness.moved(self._profiles, claimed).items() if i in self._profiles}
-        # Once motion is seen, only stripes that are shown to be still are used.
+        # The variance of a sway is added only if a motion could go unnoticed. Once motion is detected, only stripes
+        # during which the body stood still are used, so it is not needed.
         may_sway = places is None and not moved and self._witness.is_blind
         motion = motion_text(moved, len(parted), len(self._profiles), has_track=places is not None)
         motion = "; ".join(filter(None, (left, motion)))
@@ -319,7 +320,7 @@ class ScanProcessor:
         )
 
     def drift(self) -> Drift:
-        """Check the calibration for drift by the floor that this scan measured; see `check_drift`.
+        """Check the calibration for drift, using the floor that this scan measured; see `check_drift`.
 
         Frames mirrored left to right cause an apparent drift that vanishes when they are mirrored back. The result then
         names this cause.
@@ -382,7 +383,7 @@ class ScanProcessor:
             profiles[pair.index] = profile = self._finder.find(pair, band)
             self._proof.add(pair.index, profile)
             if not profile.is_frame_bad:
-                # Sampled immediately, while these rows of the images are in the processor's cache.
+                # Sampled immediately, while these rows of the images are in the CPU cache.
                 share = second_line(pair, profile)
                 self._samples.add(pair, profile)
                 self._witness.look(pair.index, pair.on, pair.off, band)
@@ -455,11 +456,11 @@ class ScanProcessor:
         return self._copy("standard", self._profiles)
 
     def restricted(self, indices: Collection[int]) -> ScanProcessor:
-        """Copy of this scan with some of its stripes."""
+        """Copy of this scan with only the stripes in `indices`."""
         return self._copy(self.mode, indices)
 
     def _copy(self, mode: str, indices: Collection[int]) -> ScanProcessor:
-        """Copy of this processor with another mode and some of its stripes."""
+        """Copy of this processor in the given mode, with only the stripes in `indices`."""
         other = ScanProcessor(
             self._calibration,
             self._robot,

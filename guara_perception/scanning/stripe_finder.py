@@ -119,7 +119,10 @@ class SweepBackground:
             return Band(on[band], None, rows[0])
         missing = [other for other in needed if other not in self._kept]
         if missing:
-            return f"no laser-off frame, and frame {missing[0]}, which would replace it, is missing or unusable"
+            return (
+                f"no laser-off frame, and frame {missing[0]}, one of the two earlier frames that replace it, is "
+                "missing or unusable"
+            )
         return Band(kept[band], np.minimum(*(self._kept[other][band] for other in needed)), rows[0])
 
 

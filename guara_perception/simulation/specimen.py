@@ -92,12 +92,13 @@ def _laser_planes(robot: RobotModel, angles: Float, errors: Float) -> Float:
     """Planes (s, 4) in base_link of a horizontal laser, reflected by a mirror inclined by 45 degrees at angle 0."""
     position = robot.transform_laser_to_base[:3, 3] + POSITION_SIGMA_M * np.array([errors[0], 0, errors[1]])
     axis = rotation(ANGLE_SIGMA * 0.3 * np.array([errors[2], 0, errors[3]])) @ np.array([0.0, 1.0, 0.0])
-    # The incoming laser plane is horizontal and contains the axis, except for the tilt of the axis. It is reflected
-    # straight down at angle zero.
-    beam = rotation(ANGLE_SIGMA * 0.3 * np.array([0, 0, errors[4]])) @ np.array([0.0, 0.0, 1.0])
+    # Apart from the tilt of the axis, the incoming laser plane is horizontal and contains the axis. At angle zero, it
+    # is reflected straight down. errors[4] turns the plane about its own normal, which has no effect except rounding.
+    # The term stays, so that the calibration of a seed does not change.
+    incoming_normal = rotation(ANGLE_SIGMA * 0.3 * np.array([0, 0, errors[4]])) @ np.array([0.0, 0.0, 1.0])
     planes = []
     for angle in angles:
         face = rotation(axis * -angle) @ rotation(axis * (np.pi / 4)) @ np.array([0.0, 0.0, 1.0])
-        normal = beam - 2 * (beam @ face) * face
+        normal = incoming_normal - 2 * (incoming_normal @ face) * face
         planes.append(np.append(normal, -(normal @ position)))
     return np.array(planes)

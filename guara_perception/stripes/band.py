@@ -29,7 +29,7 @@ LEAST_LASER_LEVEL = 0.15
 # Number of parts into which the width is divided; each is tested separately.
 QUARTERS = 4
 # Half height of the morphological opening that replaces a missing laser-off image. The opening is taller than any
-# stripe and smaller than texture.
+# stripe, but shorter than typical texture of the ground.
 BACKGROUND_HALF_HEIGHT_PX = 12
 # Largest change of brightness beside the stripe between laser off and on, as a fraction of full scale. After a larger
 # change, `paper` rejects the frame, and `precise` uses the laser-off image only if it shows the same view.
@@ -121,15 +121,15 @@ def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> st
     if off is not None and (not isinstance(off, np.ndarray) or off.dtype != band.dtype or off.shape != shape):
         given = f"{off.dtype} {off.shape}" if isinstance(off, np.ndarray) else f"of type {type(off).__name__}"
         return (
-            f"the laser-off frame is {given}, the laser-on frame is {band.dtype} {shape}; "
+            f"the laser-off frame is {given}, but the laser-on frame is {band.dtype} {shape}; "
             "they must have the same type and shape"
         )
     sampled = np.ascontiguousarray(band[::CHECKED_ROWS, :: max(band.shape[1] // CHECKED_COLUMNS, 1)])
     low, high = int(sampled.min()), int(sampled.max())
     if low == high and band.min() == band.max():
-        return f"the frame is blank: every pixel is {low}"
+        return f"the searched rows of the frame are blank: every pixel is {low}"
     if high >= clipped_from(band) and np.count_nonzero(is_clipped(sampled)) > 0.5 * sampled.size:
-        return "more than half of the frame is white: exposure too long or too much light"
+        return "more than half of the searched pixels are white: exposure too long or too much light"
     return ""
 
 
@@ -165,7 +165,7 @@ def _of_sums(sums: Float) -> Float:
 
 
 def _agree(contrast: Float, least: float) -> bool:
-    """Test if, in even or in odd rows, the contrast exceeds `least` with one sign in at least QUARTERS - 1 parts."""
+    """Return True if, in the even or in the odd rows, at least QUARTERS - 1 parts exceed `least` with the same sign."""
     more, less = (contrast > least).sum(axis=1), (contrast < -least).sum(axis=1)
     return bool((np.maximum(more, less) >= QUARTERS - 1).any())
 
@@ -251,7 +251,10 @@ def nothing(n: int) -> Float32:
 
 
 def clearest_channel(on: Image) -> int:
-    """Number of the channel in which a stripe stands out most from the noise in some columns of a band; 0 for mono."""
+    """Number of the channel in which a stripe stands out most from the noise, judged from a sample of a band's columns.
+
+    It is 0 for a monochrome image.
+    """
     picture, _ = pictures_of(on, None)
     found, work = np.empty(5), np.empty(kernel().judge_size(*picture.shape), np.float32)
     kernel().judge(picture, None, *addresses(work, found))

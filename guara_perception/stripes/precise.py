@@ -87,6 +87,7 @@ def extract_in_any_light(
     doubts, work = extract(factor, is_changed=is_changed)
     if doubts == EVERY_COLUMN:
         if is_changed:
+            # The laser-off image shows another view. After a change of light, it is then not used at all.
             second = None
         doubts, work = extract(1, is_changed=False)
     doubtful = work[: 4 * n].view(np.float32).copy() if doubts else None

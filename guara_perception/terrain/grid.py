@@ -1,4 +1,4 @@
-"""Immutable terrain grid with all layers and the queries of planners."""
+"""Immutable terrain grid with all layers, and with queries for planners."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from guara_perception.terrain.questions.steppable import steppable_regions as _s
 from guara_perception.terrain.questions.swing import swing as _swing
 
 
-# No `slots=True`: the class adds no fields, so that an empty `__slots__` suffices.
+# No `slots=True`: the class adds no fields, so an empty `__slots__` suffices.
 @dataclass(frozen=True, eq=False, repr=False)
 class TerrainGrid(LayeredGrid):
-    """Terrain under and in front of the robot at one stance pause (docs/terrain.md).
+    """Terrain around the robot: the grid of one scan, or a snapshot of the fused map (docs/terrain.md).
 
-    This is a `LayeredGrid`, which documents attributes and look-ups, with the queries of planners as methods. The
-    methods are documented where they are defined, in `questions` and `drawing`.
+    This is a `LayeredGrid`, which documents attributes and look-ups, with queries for planners as methods. The methods
+    are documented where they are defined, in `questions` and `drawing`.
     """
 
     __slots__ = ()

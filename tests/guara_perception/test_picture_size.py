@@ -51,7 +51,7 @@ HUGE_TIFF = tiff((256, 4, 10**6), (257, 4, 10**4), (258, 3, 8), (259, 3, 1), (26
     ("content", "reason"),
     [
         (b"P5 100000 100000 255\n", "(10000000000 pixels) exceeds limit"),
-        (b"P5 4001 4000 255\n", "the picture has 4001 x 4000 px; allowed: 1 ... 16000000 px in all"),
+        (b"P5 4001 4000 255\n", "the picture has 4001 x 4000 px; allowed: 1 ... 16000000 px in total"),
         (b"BM" + bytes(12) + struct.pack("<Iii", 40, 50_000, -50_000), "not a readable picture"),
         (HUGE_TIFF, "(10000000000 pixels) exceeds limit"),
         (b"BM" + bytes(12) + struct.pack("<Iii", 40, -5, 5), "not a readable picture"),

@@ -85,7 +85,7 @@ def test_all_wrong_values_are_reported_at_once(tmp_path: Path) -> None:
         ("coarse_every = 2", "coarse_every = 0"),
         ("[validity]", "[valid]"),
     )
-    with pytest.raises(gp.FileFormatError, match="5 findings: ") as caught:
+    with pytest.raises(gp.FileFormatError, match="5 errors: ") as caught:
         Settings.of(load_robot(folder))
     for expected_text in (
         "[grid] resolution is 5.0",

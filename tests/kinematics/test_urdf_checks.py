@@ -215,7 +215,7 @@ def test_all_findings_come_at_once_with_their_lines(broken_folder: Callable[...,
     with pytest.raises(RobotFileError) as caught:
         load_robot(folder)
     findings = caught.value.findings
-    assert len(findings) == 3 and str(caught.value).startswith("3 findings: (1) ")
+    assert len(findings) == 3 and str(caught.value).startswith("3 errors: (1) ")
     lines = [int(re.match(rf"{re.escape(str(path))}:(\d+): ", finding)[1]) for finding in findings]  # type: ignore[index]
     assert lines == sorted(lines)
     for line, word in zip(lines, ("0.400, 0, 0.140", "<axes", "<limit"), strict=True):

@@ -22,7 +22,7 @@ class Received(Generic[T]):
         message: decoded message.
         number: number of the sample among those that its receiver accepted, from 1.
         arrival: time of arrival on the clock `transport.clock.now()` [s].
-        arrival_stamp: time of arrival on this machine's wall clock [ns since the epoch].
+        arrival_stamp: time of arrival on this machine's wall clock [ns since the Unix epoch].
     """
 
     message: T

@@ -74,7 +74,7 @@ def decode(payload: bytes | bytearray | memoryview, type_name: str) -> Any:
 
 
 def make_time(stamp: int) -> Any:
-    """Convert nanoseconds since the epoch to builtin_interfaces/Time.
+    """Convert nanoseconds since the Unix epoch to builtin_interfaces/Time.
 
     Raises:
         MessageError: the time is negative, or after 2038-01-19, the end of the type's range.
@@ -86,7 +86,7 @@ def make_time(stamp: int) -> Any:
 
 
 def read_time(time: Any) -> int:
-    """Convert builtin_interfaces/Time to nanoseconds since the epoch.
+    """Convert builtin_interfaces/Time to nanoseconds since the Unix epoch.
 
     Raises:
         MessageError: the seconds are negative, or there are more than 999999999 nanoseconds.
@@ -99,7 +99,7 @@ def read_time(time: Any) -> int:
 
 
 def make_header(stamp: int, frame_id: str) -> Any:
-    """Make a std_msgs/Header; `stamp` is in nanoseconds since the epoch."""
+    """Make a std_msgs/Header; `stamp` is in nanoseconds since the Unix epoch."""
     return message_class("std_msgs/msg/Header")(make_time(stamp), frame_id)
 
 

@@ -38,7 +38,7 @@ class MapOrigin:
         robot: instance name.
         sequence: sequence number of the map.
         step: number of the stance pause.
-        stamp, scan_end: time of the map, and time of the last frame [ns since the epoch].
+        stamp, scan_end: time of the map, and time of the last frame [ns since the Unix epoch].
         valid_for: time after `scan_end` during which the message may be used [s]; may be infinite.
         valid_pauses: number of pauses after `step` for which the message may be used.
         run, epoch: identities of the node's run and of the walk; empty if the map has none.

@@ -64,7 +64,7 @@ class ScanReply:
         stripes_total: number of stripes of the scan.
         step: if DONE, number of the pause.
         sequence: if DONE, sequence number of the terrain message, which is normally sent before this reply.
-        stamp: if DONE, stamp of the terrain message [ns since the epoch].
+        stamp: if DONE, stamp of the terrain message [ns since the Unix epoch].
         code: if FAILED, short name of the cause.
         message: if FAILED, description of the cause.
     """

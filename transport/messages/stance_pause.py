@@ -36,7 +36,7 @@ class StancePause:
         robot: instance name.
         step: number of the pause.
         phase: BEGIN, HOLD or END.
-        stamp: time of the joint state [ns since the epoch].
+        stamp: time of the joint state [ns since the Unix epoch].
         stance: joint positions, support feet and gravity.
         time_available: time from `stamp` to the planned end of the pause [s]; 0 if unknown.
         known_ground: ground that the gait controller declares safe, in `frame_id`.

@@ -29,7 +29,7 @@ class StanceStream:
 
     Attributes:
         robot: instance name.
-        stamp: time of the first sample, on the clock that stamps the pauses [ns since the epoch].
+        stamp: time of the first sample, on the clock that stamps the pauses [ns since the Unix epoch].
         sequence: number of the batch; a gap in the numbers means that a batch was lost.
         joint_names: names of the j joints.
         legs: names of the l legs.
@@ -104,7 +104,7 @@ class StanceStream:
 
     @property
     def stamps(self) -> npt.NDArray[np.int64]:
-        """(n,) times of the samples [ns since the epoch]."""
+        """(n,) times of the samples [ns since the Unix epoch]."""
         return self.stamp + np.rint(1e9 * np.asarray(self.times)).astype(np.int64)
 
 

@@ -54,7 +54,7 @@ def occupancy_message(values: Percent, resolution: float, origin: Sequence[float
         resolution: edge length of a cell [m].
         origin: (x, y) of the corner of cell (0, 0), at minimum x and y [m].
         frame_id: frame of the grid.
-        stamp: time [ns since the epoch].
+        stamp: time [ns since the Unix epoch].
 
     Raises:
         MessageError: `values` is not a non-empty int8 array (ny, nx), a value is out of range, or the geometry or the
@@ -92,7 +92,7 @@ def grid_map_message(
         resolution: edge length of a cell [m].
         origin: (x, y) of the corner of cell (0, 0), at minimum x and y [m].
         frame_id: frame of the grid.
-        stamp: time [ns since the epoch].
+        stamp: time [ns since the Unix epoch].
 
     Raises:
         MessageError: the layers do not have a common, non-empty shape (ny, nx), "elevation" is missing, or the geometry
@@ -131,7 +131,7 @@ def point_cloud_message(fields: Mapping[str, Array], frame_id: str, stamp: int) 
         fields: (n,) arrays by name, including `x`, `y` and `z` [m]; dtypes are kept. Viewers read colours from a field
             `rgb`, uint32 0x00RRGGBB.
         frame_id: frame of the points.
-        stamp: time [ns since the epoch].
+        stamp: time [ns since the Unix epoch].
 
     Raises:
         MessageError: x, y or z is missing, the fields do not have a common shape (n,), a dtype is not in DATATYPES, a
@@ -195,7 +195,7 @@ def markers_message(
         footholds: (x, y, z) [m] by leg.
         sole: length (x) and width (y) [m].
         frame_id: frame of all coordinates.
-        stamp: time [ns since the epoch].
+        stamp: time [ns since the Unix epoch].
         regions: corners (n, 3) of each steppable region [m].
 
     Raises:
@@ -268,7 +268,7 @@ def frames_message(transforms: Iterable[TransformMessage], stamp: int) -> Any:
 
     Args:
         transforms: transforms that form a forest; each source occurs at most once.
-        stamp: stamp of all transforms [ns since the epoch].
+        stamp: stamp of all transforms [ns since the Unix epoch].
 
     Raises:
         MessageError: a source occurs more than once, or the stamp is not valid.
@@ -297,7 +297,7 @@ def camera_info_message(
         matrix: (3, 3) camera matrix [px].
         distortion: (5,) k1, k2, p1, p2, k3.
         frame_id: optical frame of the camera.
-        stamp: time [ns since the epoch].
+        stamp: time [ns since the Unix epoch].
 
     Raises:
         MessageError: `matrix` or `distortion` has another shape or is not finite, or the stamp is not valid.

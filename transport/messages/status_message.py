@@ -48,7 +48,7 @@ class Status:
     """Status of the node, with one item for each part of the node.
 
     Attributes:
-        stamp: time of the status [ns since the epoch].
+        stamp: time of the status [ns since the Unix epoch].
         items: status of each part.
     """
 

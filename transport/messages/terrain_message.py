@@ -116,7 +116,7 @@ class TerrainMessage:
         extent: "footprint" or "map".
         sequence: number of the message, ascending from 1 within its extent and run; numbers may be skipped.
         step: number of the stance pause.
-        stamp: end of the scan; time of the withdrawal for a withdrawn grid [ns since the epoch].
+        stamp: end of the scan; time of the withdrawal for a withdrawn grid [ns since the Unix epoch].
         scan_start: time of the first frame [ns].
         scan_end: time of the last frame [ns].
         valid_for: time after `scan_end` during which the grid may be used [s]; may be infinite.
@@ -134,8 +134,8 @@ class TerrainMessage:
         obstacles: obstacles and holes.
         point_counts: number of image columns of all stripes by status, such as OK or DROPOUT.
         stage_ms: processing time by stage [ms].
-        coverage: fraction of known cells, 0 ... 1. In the grid of a processed scan, cells that are UNSCANNED, OCCLUDED
-            or SELF do not count.
+        coverage: fraction of cells that are known, 0 ... 1. For a processed scan, cells flagged UNSCANNED, OCCLUDED or
+            SELF are excluded from the total.
         health: health of the grid.
         health_reasons: reasons why `health` is not OK.
         metadata: text of a JSON object.
@@ -264,7 +264,7 @@ class TerrainMessage:
         """Return a withdrawn copy with all cells unknown, for readers that cannot tell when a grid becomes invalid.
 
         Args:
-            stamp: stamp of the copy [ns since the epoch].
+            stamp: stamp of the copy [ns since the Unix epoch].
             reason: reason for the withdrawal, the only entry of `health_reasons`.
         """
         layers = {name: np.full(self.shape, EMPTY.get(name, np.nan), kind.dtype) for name, kind in LAYERS.items()}

@@ -80,7 +80,7 @@ def query_terrain(
         extent: "footprint" or "map".
         region: (x_min, x_max, y_min, y_max) in the frame of the grid [m]; None = the whole grid.
         timeout: time granted to the node [s]; the wait may be 0.5 s longer.
-        encoding: "lossless" or "compact"; nodes of earlier versions always reply lossless.
+        encoding: "lossless" or "compact"; nodes of earlier versions always send lossless replies.
 
     Raises:
         KeyNameError: the encoding is unknown, or the robot's name cannot be part of a key.

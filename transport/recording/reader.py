@@ -120,7 +120,7 @@ class Recording(AbstractContextManager["Recording"]):
         return (message for _, message in self.written(short))
 
     def written(self, short: str) -> Iterator[tuple[int, Any]]:
-        """Iterate as `messages` does, but over pairs of log time [ns since the epoch] and message object."""
+        """Iterate as `messages` does, but over pairs of log time [ns since the Unix epoch] and message object."""
         if short not in TYPES:
             raise RecordingError(f"topic {short!r} is unknown; topics are {', '.join(TYPES)}")
         for found in self._messages(self._topics(short)):

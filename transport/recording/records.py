@@ -30,7 +30,7 @@ class FrameRecord:
         pixels: (h, w) grey or (h, w, 3) BGR, uint8 or uint16, read-only; None if the image is a file.
         data: content of the image file; None if the image is given as pixels.
         format: format of the file, "jpeg" or "png"; empty for pixels.
-        stamp: time of the frame [ns since the epoch]; 0 = not given.
+        stamp: time of the frame [ns since the Unix epoch]; 0 = not given.
     """
 
     pixels: Array | None = None
@@ -66,7 +66,7 @@ class FrameReference:
 
     Attributes:
         topic: topic of the frame's message.
-        stamp: stamp of the frame [ns since the epoch], unique in its topic.
+        stamp: stamp of the frame [ns since the Unix epoch], unique in its topic.
     """
 
     topic: str
@@ -97,7 +97,7 @@ class StripeRecord:
         mirror_angle: commanded mirror angle [rad].
         on: frame with the laser on; None if it was lost.
         off: frame with the laser off, which several stripes may share; None if there is none.
-        stamp: time of the stripe [ns since the epoch].
+        stamp: time of the stripe [ns since the Unix epoch].
         dark: frame of the dark flash after the stripe; None if there was no dark flash or its frame was lost.
         is_dark_due: True if a dark flash was planned after the stripe.
         flash: time of the flash, if the joint stream was used to place the stripe; otherwise None.
@@ -120,7 +120,7 @@ class ScanRecord:
     Attributes:
         robot: instance name.
         mode: "coarse" or "standard".
-        stamp: time of the scan [ns since the epoch].
+        stamp: time of the scan [ns since the Unix epoch].
         step: number of the stance pause.
         stance: stance at the beginning of the scan.
         calibration_hash: hash of the calibration; may be empty.

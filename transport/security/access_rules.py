@@ -103,12 +103,13 @@ def access_control(
 
     Only the following is allowed. Planner and viewer read everything under `<robot>/perception/v1` and query the newest
     grid and the status. The planner also requests scans. The gait publishes stance pauses and the stance stream, and
-    serves its clock. A second node announces that it waits for the name. A router linked to the node has the rights of
-    a viewer, or of a planner if it is one of `scanning_routers`, and may watch status and tokens of all robots.
+    serves its clock. A second node of the same robot may announce that it is waiting for the robot's name. A router
+    linked to the node has the rights of a viewer, or of a planner if it is one of `scanning_routers`, and may watch
+    status and tokens of all robots.
 
     Args:
         robot: instance name.
-        members: common names of the members by role; None = one member per role, named like the role.
+        members: common names of the members by role; None = one member per role, named after the role.
         routers: common names of the routers that may read what the node publishes.
         scanning_routers: those of `routers` that may also request scans, on behalf of the clients behind them.
     """

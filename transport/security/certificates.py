@@ -244,7 +244,7 @@ def _add_fleet_member(members: Members, authority: Credentials, name: str) -> Pa
 
 def _check_length(full: str) -> None:
     if len(full) > 2 * LONGEST_NAME:
-        raise SecurityError(f"{full!r} is too long for a certificate; allowed: {2 * LONGEST_NAME} characters in all")
+        raise SecurityError(f"{full!r} is too long for a certificate; allowed: {2 * LONGEST_NAME} characters in total")
 
 
 def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:

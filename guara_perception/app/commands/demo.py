@@ -26,7 +26,7 @@ COURSE_CYCLES, HIND_M = 20, 0.4
     "--out", type=FILE, default=Path("out/demo"), help="folder for the pictures, and for the recording of a walk"
 )
 @click.option("--view", is_flag=True, help="show the recording in a browser afterwards (extra `view`)")
-@click.option("--cycles", type=click.FloatRange(1, 12), default=10, help="gait cycles of 140 mm")
+@click.option("--cycles", type=click.FloatRange(1, 12), default=10, help="number of gait cycles (140 mm each)")
 @click.option("--robot", default="guara", help="name or folder of the robot")
 @click.option("--world", default="demo", help="terrain and light: demo, sunlit or a world file")
 @click.option(

@@ -43,8 +43,8 @@ def command(
 
     Exit 1 if a check fails.
 
-    The first column of --cameras is the value for --camera and devices.toml. --bring-up guides you point by point and
-    records passed points in bring_up.json. A laser may be connected only after the board has turned off an LED in time.
+    The first column of --cameras is the value for --camera and devices.toml. --bring-up guides you step by step and
+    records passed steps in bring_up.json. A laser may be connected only after the board has turned off an LED in time.
 
     \b
     Example:

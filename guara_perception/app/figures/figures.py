@@ -66,7 +66,7 @@ def draw_figures(
 
     Raises:
         InvalidInput: the grid has no range images, or `folder` is not a folder.
-        FileFormatError, MissingFile: the frame of the median stripe, or every laser-on frame, cannot be read.
+        FileFormatError, MissingFile: the frame of the median stripe cannot be read, or no laser-on frame can be read.
     """
     folder = Path(folder)
     if "ortho_image_mm" not in terrain.pictures:

@@ -160,7 +160,7 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
             off: laser-off frame, or None.
             off_key: key of the laser-off file, which is shared by stripes with the same key. None = shared with the
                 previous stripe if `off` is the same array, else a new file.
-            stamp: stamp of the laser-on frame [ns since the epoch].
+            stamp: stamp of the laser-on frame [ns since the Unix epoch].
             dark: frame of the dark flash after the stripe, or None.
 
         Raises:

@@ -23,8 +23,8 @@ class LiveScan:
     """Times and faults of the devices during a live scan.
 
     Attributes:
-        start: instant before the first frame [ns since the epoch].
-        end: instant at which the host received the last frame [ns since the epoch].
+        start: instant before the first frame [ns since the Unix epoch].
+        end: instant at which the host received the last frame [ns since the Unix epoch].
         last_frame: the same instant on `transport.clock` [s].
         problems: problems of devices and light; empty for a good scan.
         stopped_early: True if the scan was stopped before its last stripe.

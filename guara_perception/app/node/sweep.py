@@ -1,4 +1,4 @@
-"""Laser sweep at a pause: a fixed pattern, or a coarse pattern and, after obstacles were found, further stripes."""
+"""Laser sweep at a pause: a fixed pattern, or a coarse pattern and further stripes if it finds obstacles."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ADAPTIVE = "adaptive"
 SWEEPS = (*MODES, ADAPTIVE)
 # [s] Margin for other load on the machine, added to the measured time from the last frame to the published grid.
 MARGIN_S = 0.1
-# Largest number of sweeps for one scan if each is refused, for instance because of foreign light.
+# Largest number of sweeps for one scan if each is refused, for instance because of light from another laser.
 MOST_SWEEPS = 4
 # [s] Shortest sweep duration assumed in `retry_delay`; interval at which the wait for a repetition checks for a stop.
 LEAST_WAIT_S, WAIT_SLICE_S = 0.2, 0.02
@@ -55,7 +55,7 @@ class SweepJob:
         on_stripe: called with every stripe, or None.
         stream: function that returns the joint stream that gives the body's pose, or None if the body must stand still.
         placed: function that waits for the joint samples that locate the stripes; called after the last stripe of each
-            pattern with the processor and the record of the devices.
+            pattern with the processor and the `LiveScan`.
     """
 
     processor: Callable[[str], ScanProcessor]
@@ -76,7 +76,7 @@ class Swept:
 
     Attributes:
         terrain: grid of the sweep.
-        scan: record of the devices.
+        scan: times and faults of the devices.
         processor: processor that made the grid.
         coarse: processor of the coarse stripes alone; None if no intermediate stripes were fired.
         is_cut: True if `until` removed stripes.
@@ -99,8 +99,8 @@ class Swept:
         if not terrain.record.known:
             return None
         problem = (
-            f"{len(self.scan.instants) - len(kept)} of {len(self.scan.instants)} stripes were taken after the joints "
-            "that confirm the scan were read, and are left out"
+            f"{len(self.scan.instants) - len(kept)} of {len(self.scan.instants)} stripes are left out: they were "
+            "taken after the last joint reading that confirms the scan"
         )
         instants = {index: self.scan.instants[index] for index in kept}
         problems, last = (*self.scan.problems, problem), max(instants.values())
@@ -111,7 +111,8 @@ class Swept:
         """Grid of all scanned ground for the map, including the ground beside the footprint.
 
         Args:
-            terrain: published grid of the footprint, whose stamp and record, except `lost_cells`, the wide grid gets.
+            terrain: published grid of the footprint. The wide grid gets its stamp, and its record except for
+                `lost_cells`.
         """
         record = terrain.scan_record
         wide = self.processor.finish("wide", record=record)
@@ -141,8 +142,8 @@ class Sweeper:
     def sweep(self, mode: str, job: SweepJob) -> Swept:
         """Sweep in a mode of SWEEPS.
 
-        A refused sweep (foreign light, or frames of other flashes) is repeated while time is left, up to MOST_SWEEPS
-        sweeps in all.
+        A refused sweep (light from another laser, or frames that show another flash) is repeated while time is left, up
+        to MOST_SWEEPS sweeps in total.
         """
         for attempt in itertools.count(1):
             start = clock.now()
@@ -239,7 +240,7 @@ class Sweeper:
         return scan
 
     def _flash(self, stream: PauseStream, offset: float, stamp: float) -> tuple[float, float]:
-        """Time of a frame's flash since the BEGIN of the pause and its sigma [s]; NaN and 0 if not known.
+        """Time of a frame's flash after the BEGIN message of the pause, and its sigma [s]; NaN and 0 if unknown.
 
         Args:
             stream: joint stream of the pause.

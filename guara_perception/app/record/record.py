@@ -64,8 +64,10 @@ def record_session(
         devices: devices chosen by the user, written to the folder with the metered exposure and the measured lag. A
             resumed session uses those of its folder.
         operator: person or program that places board, crosses and plates in front of the camera.
-        report: called with a text for each task, the number of board images, and problems of the light.
-        watch: called with each camera image and a text about it or a request, for a live page.
+        report: called with a line of text for each task, with the number of board images, and with each problem of a
+            scan.
+        watch: called with each camera image and a text, either a remark on the image or a request to the operator; for
+            a live page.
 
     Returns:
         Path of `session.json`.
@@ -87,7 +89,7 @@ def record_session(
         show_while(operator.clear, lambda: _picture(rangefinder), plain, watch)
         report("metering the exposure and measuring the camera's lag")
         save_devices(measured_devices(robot, rangefinder, devices), writer.folder / DEVICES_FILE)
-    report("the board, held up")
+    report("views of the hand-held board")
     _record_boards(writer, rangefinder, operator, report, watch)
     if not writer.has(FLOOR_PICTURE):
         report("the board on the floor")

@@ -42,7 +42,7 @@ Fields = dict[str, Array]
 
 
 class Scene:
-    """Converter of the pauses of one robot to ROS messages; stamps are in ns since the epoch."""
+    """Converter of the pauses of one robot to ROS messages; stamps are in ns since the Unix epoch."""
 
     def __init__(self, robot: RobotModel, calibration: Calibration) -> None:
         """Create the scene of a robot and its rangefinder.

@@ -48,8 +48,9 @@ def assess_layers(
         slope_sigma: standard deviation of slopes due to errors that the cells of a disc share, such as the frame's tilt
             relative to gravity: one value, or (ny, nx) [rad].
         beyond: width of a margin on each side that the tests read but the returned layers do not contain [cells].
-        discs: cache of the disc tests, for unchanged resolution, limits and sigma of slopes; only columns that a change
-            since its last use can affect are computed, and the cache is updated.
+        discs: cache of the disc tests, updated by this call; only columns that changes since the last call can
+            affect are computed again. Valid only while `resolution`, `limits` and `slope_sigma` stay the same. None =
+            no cache.
 
     Returns:
         All layers by name, read-only, in the types of `LAYERS`, with age and looks of a single scan.

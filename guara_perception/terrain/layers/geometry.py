@@ -11,7 +11,7 @@ from guara_perception.arrays import Codes, Float, Index, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import TraversabilityLimits
 
-# Largest number of cells, as in a Terrain message (docs/messages.md); all layers of so many cells take 192 MB.
+# Largest number of cells, as in a Terrain message (docs/messages.md); all layers of a grid of this size take 192 MB.
 MOST_CELLS = 4_000_000
 Kernel = Codes
 # Minimum known fraction of a disc for a plane fit. A fit to a partly known disc makes no cell safe, because a cell gets
@@ -20,15 +20,15 @@ KNOWN_SHARE = 0.6
 # Largest radius of the disc [cells]. Smaller cells would show no more detail, because the spacing of stripes limits it.
 MOST_RADIUS_CELLS = 24
 # Number of rings of cells around the disc that must also be known, because a lost stripe may change heights beside it.
-# In the fused map the widening of the sole includes it.
+# In the fused map, the widening of the sole includes this ring.
 EXTRA_RING_CELLS = 1
 # Half edge of a cell [cells].
 TOUCHED = 0.5
 # Minimum widening of the sole in the fused map [cells].
 LEAST_MARGIN_CELLS = 1
 # Largest drift of the fused map that the tests allow for [cells]; cells with a larger drift are STALE. With a slip of
-# 4 % of the path, ground seen 0.5 m earlier has this drift (2 sigma). Treads of 240 mm are still wide enough for a
-# sole.
+# 4 % of the path, ground seen 0.5 m earlier has this drift (2 sigma). Even with this drift allowed for, a stair tread
+# 240 mm deep has room for a sole.
 LARGEST_DRIFT_CELLS = 8
 
 
@@ -54,7 +54,7 @@ class GridGeometry:
         if len(self.shape) != 2 or min(self.shape) < 1:
             raise InvalidInput(f"grid shape is {self.shape}; it must be (ny, nx) with one cell or more")
         if self.shape[0] * self.shape[1] > MOST_CELLS:
-            raise InvalidInput(f"grid shape is {self.shape[0]} x {self.shape[1]} cells, allowed: {MOST_CELLS} in all")
+            raise InvalidInput(f"grid shape is {self.shape[0]} x {self.shape[1]}, allowed: at most {MOST_CELLS} cells")
 
     @staticmethod
     def over(x: tuple[float, float], y: tuple[float, float], resolution: float) -> GridGeometry:

@@ -52,7 +52,7 @@ def terrain_from_points(
             value. A map forgets the cells that these rays meet at the lowest, median or highest known height, or at
             z = 0 if no cell is known. None = unknown: a map keeps such cells, and they age.
         resolution: cell edge [m]; None = the robot's default.
-        stamp: time of the measurement [ns since the epoch].
+        stamp: time of the measurement [ns since the Unix epoch].
         step: number of the stance pause.
         metadata: further metadata fields, for instance `stance` and `transform_base_to_footprint` of the pause.
 

@@ -46,7 +46,7 @@ def terrain_from_range_image(
         area: ((x_min, x_max), (y_min, y_max)) covered by the image, in base_footprint [m].
         robot: model, name or folder; defines the limits of heights and traversability; None = the Guará.
         resolution: cell edge [m]; None = the robot's default. It must divide the area.
-        stamp: time of the measurement [ns since the epoch].
+        stamp: time of the measurement [ns since the Unix epoch].
         step: number of the stance pause.
 
     Raises:

@@ -119,7 +119,7 @@ def test_reconnecting_gives_up_in_time(board: LaserBoard, emulated: BenchBoard) 
 @pytest.mark.parametrize(
     ("version", "expected_text"),
     [
-        (0x0009, r"protocol 0\.9 .*speaks 1\.2.*flash a newer firmware"),
+        (0x0009, r"protocol 0\.9 .*speaks 1\.2.*flash newer firmware"),
         (0x0200, r"protocol 2\.0.*update this software"),
     ],
 )

@@ -1,4 +1,4 @@
-"""First power-up of the emulated board: every point, every fault, every wrong answer."""
+"""First power-up of the emulated board: every step, every fault, every wrong answer."""
 
 from __future__ import annotations
 
@@ -87,24 +87,24 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
         yield Bench(tmp_path)
 
 
-def test_a_sound_board_passes_all_points_and_then_a_laser(bench: Bench) -> None:
-    """The LED first; with the laser, the points that turn the light off are repeated."""
+def test_a_sound_board_passes_all_steps_and_then_a_laser(bench: Bench) -> None:
+    """The LED first; with the laser, the steps that turn the light off are repeated."""
     assert bench.run(), bench.said
     assert bench.passed == ["2", "3", "4", "5", "6", "7"]
     assert any("dark at most 0.46 s after the last command" in line for line in bench.said)
     bench.said.clear()
     assert bench.run(What="laser"), bench.said
-    assert [line.split(":")[0] for line in bench.said[:-1]] == [f"ok    point {point}" for point in "2356"]
+    assert [line.split(":")[0] for line in bench.said[:-1]] == [f"ok    step {step}" for step in "2356"]
     assert "below 1 mW" in bench.said[-1]
     assert not bench.board.view().laser_on
 
 
 def test_a_laser_is_refused_before_an_led_went_dark(bench: Bench) -> None:
-    """No point passed; one of two; and another board: the laser is never lit."""
-    with pytest.raises(InvalidInput, match="has not passed points 5 and 6"):
+    """No step passed; one of two; and another board: the laser is never lit."""
+    with pytest.raises(InvalidInput, match="has not passed steps 5 and 6"):
         bench.run(What="laser")
     (bench.folder / RECORD).write_text(json.dumps({"serial": "EMU0001", "passed": ["2", "5"]}))
-    with pytest.raises(InvalidInput, match="has not passed point 6"):
+    with pytest.raises(InvalidInput, match="has not passed step 6"):
         bench.run(What="laser")
     (bench.folder / RECORD).write_text(json.dumps({"serial": "OTHER", "passed": ["5", "6"]}))
     with pytest.raises(InvalidInput, match="5 and 6"):
@@ -121,16 +121,20 @@ def test_a_laser_is_refused_before_an_led_went_dark(bench: Bench) -> None:
         ({"Leave D3": lambda board: None}, "senses light without a photodiode", "23"),
         ({"Connect D3": lambda board: None}, "no light: close SW1", "234"),
         ({"Bridge Q4": lambda board: None}, "did not detect the stuck light", "234"),
-        ({"Remove the bridge": lambda board: None}, "without the bridge the board still reports", "234"),
-        ({"Get ready to hold RUN": lambda board: None}, "the light stayed on: hold RUN", "2345"),
+        ({"Remove the bridge": lambda board: None}, "Without the bridge, the board still reports", "234"),
+        (
+            {"Get ready to hold RUN": lambda board: None},
+            "Unplug the board. The light stayed on: either you did not hold",
+            "2345",
+        ),
         ({"Get ready to hold RUN": cut_while_lit}, "the board still answers: hold RUN", "2345"),
         ({"Release RUN": lambda board: None}, "laser board", "2345"),
         ({"Get ready to pull": lambda board: None}, "check C4, RV1", "2345"),
         ({"Get ready to pull": DEEDS["Get ready to hold RUN"]}, "expected the light to go", "2345"),
         ({"Get ready to open": lambda board: None}, "SW1 is not in the laser's circuit", "2345"),
-        ({"Connect motor": inject(FaultKind.NO_HOME_SWITCH)}, "swap one coil's wires", "23456"),
+        ({"Connect the motor": inject(FaultKind.NO_HOME_SWITCH)}, "swap one coil's wires", "23456"),
         (
-            {"Connect motor": inject(FaultKind.LOST_STEP, request=Request.GO_TO, skip=2, amount=7)},
+            {"Connect the motor": inject(FaultKind.LOST_STEP, request=Request.GO_TO, skip=2, amount=7)},
             "lost steps (",
             "23456",
         ),
@@ -138,7 +142,7 @@ def test_a_laser_is_refused_before_an_led_went_dark(bench: Bench) -> None:
     ],
 )
 def test_faults_end_the_first_power_with_a_remedy(bench: Bench, deeds: dict[str, Deed], said: str, passed: str) -> None:
-    """The board is dark afterwards, and points before the fault stay passed."""
+    """The board is dark afterwards, and steps before the fault stay passed."""
     assert not bench.run(deeds)
     assert bench.said[-1].startswith("FAIL") and said in bench.said[-1], bench.said[-1]
     assert "".join(bench.passed) == passed
@@ -151,8 +155,8 @@ def test_faults_end_the_first_power_with_a_remedy(bench: Bench, deeds: dict[str,
     [
         ("Is it dark, and", "Q1 conducts without heartbeats"),
         ("Did it light", "light that you do not see"),
-        ("Is it dark now", "SUPPLY is low and Q1 conducts"),
-        ("Did it go dark", "LASER and SUPPLY must go low during a reset"),
+        ("Is it dark now", "Open SW1. SUPPLY is low, but Q1 still conducts"),
+        ("Did it go dark", "LASER and SUPPLY do not go low during a reset"),
     ],
 )
 def test_what_only_eyes_see_ends_it_too(bench: Bench, question: str, said: str) -> None:
@@ -161,13 +165,13 @@ def test_what_only_eyes_see_ends_it_too(bench: Bench, question: str, said: str) 
     assert said in bench.said[-1]
 
 
-def test_a_point_that_fails_later_takes_the_laser_away(bench: Bench) -> None:
-    """A point that passed once and then fails excludes the laser again."""
+def test_a_step_that_fails_later_takes_the_laser_away(bench: Bench) -> None:
+    """A step that passed once and then fails excludes the laser again."""
     assert bench.run()
     assert not bench.run({"Bridge Q4": lambda board: None}, What="laser")
     assert bench.passed == ["2", "3", "4", "6", "7"]
     bench.board.mend()
-    with pytest.raises(InvalidInput, match="has not passed point 5 "):
+    with pytest.raises(InvalidInput, match="has not passed step 5 "):
         bench.run(What="laser")
 
 

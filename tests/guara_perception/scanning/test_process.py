@@ -238,7 +238,7 @@ def test_one_bad_frame_is_left_unknown_or_refused_when_strict(paper_scan, calibr
     assert list(terrain.metadata["frames_bad"]) == [str(paper_scan.stripes[12].index)]
     assert "blank" in terrain.metadata["health"]["reasons"][0]
     assert not ((terrain.traversability > 0) & ~(paper_terrain.traversability > 0)).any()
-    with pytest.raises(gp.InvalidInput, match=f"frame {name}: the frame is blank"):
+    with pytest.raises(gp.InvalidInput, match=f"frame {name}: the searched rows of the frame are blank"):
         gp.process_scan(blank, calibration, robot, strict=True)
 
 

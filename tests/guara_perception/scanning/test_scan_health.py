@@ -64,7 +64,8 @@ def test_lost_background_is_reported(paper_scan, calibration, robot) -> None:
     """The report names the frame that would have served."""
     terrain = without_off(paper_scan, calibration, robot, lost=(20,))
     assert terrain.metadata["frames_bad"] == {
-        str(index): "no laser-off frame, and frame 20, which would replace it, is missing or unusable"
+        str(index): "no laser-off frame, and frame 20, one of the two earlier frames that replace it, is missing or "
+        "unusable"
         for index in (26, 32)
     }
 
@@ -188,7 +189,7 @@ def test_coverage_of_each_region() -> None:
         ),
         (np.zeros((100, 640), np.uint8), "the frame is 640x100 px, the calibration is for 640x512 px"),
         (np.zeros((512, 640), np.float32), "the frame is float32"),
-        (np.zeros((512, 640), np.uint8), "the frame is blank: every pixel is 0"),
+        (np.zeros((512, 640), np.uint8), "the searched rows of the frame are blank: every pixel is 0"),
     ],
 )
 def test_frames_that_cannot_be_used_are_marked_and_the_scan_goes_on(

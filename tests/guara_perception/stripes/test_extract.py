@@ -56,7 +56,7 @@ def test_what_is_no_picture_is_refused(frame: object, message: str) -> None:
         (
             np.where(np.arange(60)[:, None] > 5, 255, GREY).astype(np.uint8),
             GREY,
-            "more than half of the frame is white",
+            "more than half of the searched pixels are white",
         ),
         (GREY + np.arange(60, dtype=np.uint8)[:, None], GREY[:20], "they must have the same type and shape"),
         (

@@ -410,7 +410,9 @@ def test_frames_after_the_joints_of_end_leave_grid_and_map(
         bench.gait.say(0, PausePhase.END, stamp=middle)
         cut, fused_cut = both(bench, 0, confirmed=True)
         assert 4 < cut.metadata["stripes_used"] < 25 and provisional.metadata["stripes_used"] == 35
-        assert "were taken after the joints that confirm the scan were read" in str(cut.metadata["health"]["reasons"])
+        assert "were taken after the last joint reading that confirms the scan" in str(
+            cut.metadata["health"]["reasons"]
+        )
         gone = np.isfinite(provisional.elevation) & np.isnan(cut.elevation)
         assert gone.sum() > 1000 and bench.rig.never_safer(cut)
         assert np.mean((cut.hazard[gone] & Hazard.UNSCANNED) != 0) > 0.9

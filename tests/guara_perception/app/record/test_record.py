@@ -192,7 +192,8 @@ def test_an_interrupted_recording_goes_on(unfinished: Path):
     before = {path: path.stat().st_mtime_ns for path in unfinished.rglob("*.png") if path.parent.name != "report"}
     shown: list[str] = []
     told = record_with(SimulatedWorkshop(), unfinished, shown)
-    assert told == ["the board, held up", told[1], "the crosses", "the plate of 40 mm", "scanning the plate of 40 mm"]
+    tasks = ["the crosses", "the plate of 40 mm", "scanning the plate of 40 mm"]
+    assert told == ["views of the hand-held board", told[1], *tasks]
     assert "the scanned area is outlined" in shown and shown[-1] == "stripe 70 of 70"
     assert (unfinished / "session.json").is_file() and (unfinished / "plate_40" / "scan.json").is_file()
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
