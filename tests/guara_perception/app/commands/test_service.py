@@ -138,11 +138,11 @@ def test_a_check_names_every_mistake_at_once(tmp_path: Path, capsys: pytest.Capt
     )
     assert run(["run", "--node", str(node), "--check"]) == 2
     error = capsys.readouterr().err
-    assert "5 findings" in error
+    assert "5 errors" in error
     for part in ("mode is 'quick'", "unknown ros;", "unknown fsp;", "none.json", "keys contains no certificate"):
         assert part in error
     assert run(["run", "--node", str(node)]) == 2
-    assert "2 findings" in capsys.readouterr().err
+    assert "2 errors" in capsys.readouterr().err
 
 
 def test_a_check_finds_what_a_start_would_refuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -154,7 +154,7 @@ def test_a_check_finds_what_a_start_would_refuse(tmp_path: Path, capsys: pytest.
     )
     assert run(["run", "--node", str(node), "--check"]) == 2
     error = capsys.readouterr().err
-    assert "6 findings" in error
+    assert "6 errors" in error
     for part in (
         "robot name 'r e x' cannot",
         "'tcp/0.0.0.0:7447' is reachable from other machines",
