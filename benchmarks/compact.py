@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.command import Table
+from benchmarks.command import Table, options
 from benchmarks.rounds import alternate
 from guara_perception.app.messages import terrain_to_message
 from kinematics import PoseInOdom, load_robot
@@ -27,6 +27,7 @@ ROUNDS = 30
 
 def main() -> None:
     """Size and time of grids in both encodings."""
+    options(__doc__)
     table = Table("grid:<18 | encoding:<9 | bytes:9d | of lossless:.3f | make ms:8.2f | read ms:8.2f")
     for name, grid in grids():
         for row in measured(name, grid):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.command import Table
+from benchmarks.command import Table, options
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.calibration.calibrate_session import calibrate_session
 from guara_perception.calibration.calibration_input import CalibrationSession
@@ -84,6 +84,7 @@ def effect(
 
 def main() -> None:
     """Effect of misplaced crosses on the grid."""
+    options(__doc__)
     robot = load_robot("guara")
     session, scan = open_session(DATA / "calibration"), gp.open_scan(DATA / "scans" / "paper")
     known = calibrate_session(session, robot).calibration

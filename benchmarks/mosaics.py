@@ -12,7 +12,7 @@ from functools import partial
 import cv2
 import numpy as np
 
-from benchmarks.command import Table
+from benchmarks.command import Table, options
 from benchmarks.rounds import alternate
 from benchmarks.scans import process
 from drivers.cameras.bayer import mosaic, red_pixels
@@ -59,6 +59,7 @@ def halved(calibration: Calibration) -> Calibration:
 
 def main() -> None:
     """Scans of Bayer mosaics, grey and colour pictures beside the truth."""
+    options(__doc__)
     scan = simulated(SIZE)
     off, truth = scan.frames[0][2], scan.truth
     assert truth is not None

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.command import Table
+from benchmarks.command import Table, options
 from guara_perception.simulation.specimen import rotation
 from testbed import scenes
 from testbed.moved_mount import moved, moved_about
@@ -93,6 +93,7 @@ def measure(scan: scenes.ScanInMemory) -> list[tuple[str, float, float]]:
 
 def main() -> None:
     """Errors of heights after the mount has moved."""
+    options(__doc__)
     table = Table("change after calibration:<42 | median error mm:+.2f | scatter mm:.2f")
     for name, offset, scatter in measure(scenes.recorded(SCAN)):
         table.row(name, 1e3 * offset, 1e3 * scatter)
