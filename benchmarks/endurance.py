@@ -3,7 +3,7 @@
 `python -m benchmarks endurance [--minutes 240] [--period 20]`, after `make install-extras`. Each is a process
 of its own over real Zenoh; robot and devices are simulated, the devices on an emulated clock, so that a pause takes no
 longer than it is computed. Frames are small, cells 10 mm wide, and there is no indirect light. Node and second planner
-are killed or stopped for some seconds; the node's disk takes no more for some seconds; the node is ended and finds
+are killed or stopped for a few seconds; the node's disk accepts no data for a few seconds; the node is ended and finds
 journals of another version, as after an upgrade or a downgrade. Router, gait, first planner and viewer run throughout.
 In the second half the node is not restarted, so that its own growth shows. At the end every recording is opened.
 A contradiction is a footprint grid handed out more than 4 s after its planner heard of a later pause, or a map with
@@ -325,7 +325,7 @@ FAULTS = "node killed", "other version", "node stopped", "disk full", "planner k
 
 
 def endure(minutes: float, period: float, seed: int = 0) -> Outcome:
-    """Run all processes for some minutes, with a fault about every `period` seconds; print a line at each."""
+    """Run all processes for a few minutes, with a fault about every `period` seconds; print a line at each."""
     chance, outcome = random.Random(seed), Outcome()
     with tempfile.TemporaryDirectory() as folder:
         machine = Machine(Path(folder), outcome)

@@ -2,7 +2,7 @@
 
 `python -m benchmarks strange_light [--scans NAME ...]`: three recorded scans and a simulated one, each taken again by
 the real driver with one fault at a time. Unsafe cells are free although they are dark, unseen, a hole or a drop;
-wrong cells are free and more than 5 mm off their true heights. It takes some minutes of processor time. `--clean 5`
+wrong cells are free and more than 5 mm off their true heights. It takes a few minutes of processor time. `--clean 5`
 compares clean scans instead, five of each with dark flashes and five with plain laser-off frames alone.
 """
 

@@ -139,7 +139,7 @@ class BringUp:
                 board.laser_off()
             except (LaserStuckOn, LaserRefused):
                 pass
-            # The board evaluates the photodiode for some milliseconds before and after it cuts the supply.
+            # The board evaluates the photodiode for a few milliseconds before and after it cuts the supply.
             timing.sleep(LATE)
             status = board.status()
             if BoardFault.LASER_STUCK_ON not in status.faults or status.laser_sensed:

@@ -20,7 +20,7 @@ from transport.supervision import supervised
 
 # A signal delivered to another thread is handled within this time [s].
 WAKE_PERIOD = 0.5
-# [s] Time for closing devices: a driver takes some seconds to give up on a disconnected camera.
+# [s] Time for closing devices: a driver takes a few seconds to give up on a disconnected camera.
 CLOSE_TIMEOUT_S = 30.0
 
 

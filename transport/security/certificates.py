@@ -76,9 +76,9 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
         return Health.ERROR, f"{name} can be read by others on this machine; run chmod 600 on it"
     name, days = min(left.items(), key=lambda item: item[1])
     if days <= 0:
-        return Health.ERROR, f"{name} expired {-days:.0f} days ago; {RENEW}"
+        return Health.ERROR, f"{name} expired {-days:.0f} day{'s' * (round(-days) != 1)} ago; {RENEW}"
     if days <= WARNING_DAYS:
-        return Health.WARN, f"{name} expires in {days:.0f} days; {RENEW}"
+        return Health.WARN, f"{name} expires in {days:.0f} day{'s' * (round(days) != 1)}; {RENEW}"
     for node in (root, root / "node", *sorted(root.glob("*/node"))):
         if (node / "node.pem").is_file() and (node / CONFIGURATION).is_file() and not _has_current_rules(node):
             return Health.WARN, (

@@ -110,7 +110,7 @@ class DemoCheck:
         if refused:
             problems.append(f"swings refused by check_path: {len(refused)}, the first at step {refused[0].step}")
         if self.unknown_called_safe:
-            problems.append(f"{self.unknown_called_safe} unknown cells were called traversable")
+            problems.append(f"unknown cells called traversable: {self.unknown_called_safe}")
         return problems
 
     def lines(self) -> list[str]:

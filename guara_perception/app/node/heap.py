@@ -19,7 +19,7 @@ class Heap:
         self._last = time.monotonic()
 
     def trim(self) -> None:
-        """Return freed memory to the system, at most once in PERIOD_S; takes some milliseconds."""
+        """Return freed memory to the system, at most once in PERIOD_S; takes a few milliseconds."""
         if self._trim is not None and time.monotonic() - self._last >= PERIOD_S:
             self._trim(0)
             self._last = time.monotonic()

@@ -110,7 +110,7 @@ class Rangefinder:
     def setting_changes(self) -> tuple[str, ...]:
         """Changes of the locked settings as texts, each with its remedy; empty if no setting is locked or changed.
 
-        The settings are read from the camera, which takes some milliseconds. If this fails, the error is the only text.
+        Reading the settings from the camera takes a few milliseconds. If this fails, the error is the only text.
         """
         if self._locked is None:
             return ()

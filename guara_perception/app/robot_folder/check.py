@@ -86,7 +86,7 @@ def walk_findings(walk: TrialWalk) -> Iterator[Finding]:
     if walk.ended is not None:
         yield wrong("simulated walk", f"ended after {walk.pauses} pauses: {walk.ended}")
     if walk.unknown_called_safe:
-        yield wrong("simulated walk", f"{walk.unknown_called_safe} unknown cells were called traversable")
+        yield wrong("simulated walk", f"unknown cells called traversable: {walk.unknown_called_safe}")
     if walk.feet_on_hazard:
         yield wrong("simulated walk", f"{walk.feet_on_hazard} of {walk.feet} footholds were on a hazard")
 

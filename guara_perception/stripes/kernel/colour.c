@@ -1,7 +1,7 @@
 // Colour of the laser, estimated from the picture, and projection of the picture on it (Fisher's linear discriminant).
 #include "any_light.h"
 
-// Distance of the samples of a covariance: in rows; in columns of a view with details of all columns, and of one with some.
+// Spacing of the samples of a covariance: in rows; in columns of a view with details of all columns, and of one with some.
 enum { COVARIANCE_ROWS = 2, COVARIANCE_COLUMNS = 5, COVARIANCE_SOME = 1 };
 // Standard deviation that JPEG and quantisation cause in a channel [grey levels], and regularisation of the covariance as a
 // fraction of its trace.

@@ -1,7 +1,7 @@
 // Laser light of a pair of pictures, computed row by row without copying the band.
 #include "find.h"
 
-// Fusion of the channels: distance of the columns in which tops of the stripe are sampled; sigmas of noise by which a top
+// Fusion of the channels: spacing of the columns in which tops of the stripe are sampled; sigmas of noise by which a top
 // stands out; headroom of a channel that is clipped at every top, since it still shows the shoulders of the stripe.
 #define TOP_COLUMNS 16
 #define TOP_SIGMAS 5.0

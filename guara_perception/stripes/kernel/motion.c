@@ -154,7 +154,7 @@ static int invert(const double *matrix, double *inverse) {
 // Fit the motion (6,) of the camera to flows (n, 2), and compute the rise of some points due to it. rows: (corners, 2, 6) flow per
 // unit of each component of the motion. Least squares are repeated with Tukey's weights, so that objects that move by themselves
 // have no effect. used: (n,) indices of the corners; flows of NaN are ignored. moved: (n, 2) motion of the corners [px].
-// by_motion: (points, 6) rise per unit of each component. work: 2 n numbers of 8 bytes. found: receives rises and their standard
+// by_motion: (points, 6) rise per unit of each component. work: 2 * n numbers of 8 bytes. found: receives rises and their standard
 // deviations (2, points) due to the noise of one picture, and the median motion of the corners [px]. Returns 0 if fewer flows than
 // `least` or `least_share` are known or agree, or the condition number of the equations reaches `most_condition`.
 int64_t fit_motion(const double *rows, const double *wanted, const float *moved, const int64_t *used, int64_t n, int64_t least,
@@ -215,7 +215,7 @@ int64_t fit_motion(const double *rows, const double *wanted, const float *moved,
 }
 
 // Motion as from `fit_motion`, from at most `most` corners outside rows first ... end - 1 of the small picture, evenly selected.
-// memory: 6 most numbers of 8 bytes. Returns -1 if there are fewer than `least` such corners.
+// memory: 6 * most numbers of 8 bytes. Returns -1 if there are fewer than `least` such corners.
 int64_t look_at_corners(const Picture *p, int64_t channel, int64_t factor, double gain, const uint8_t *reference,
     const double *corners, const double *turn, const double *rows, int64_t n, int64_t most, double first, double end, int64_t least,
     double least_share, int64_t steps, double least_noise, double most_condition, const double *by_motion, int64_t points,

@@ -1,7 +1,7 @@
 // Search for the path of a stripe in any light: first passes in some of the columns, last one in all.
 #include "any_light.h"
 
-// Distance of the columns in the first passes, which find the laser's channel, and least width of a picture in which they
+// Spacing of the columns in the first passes, which find the laser's channel, and least width of a picture in which they
 // omit columns.
 #define FIRST_PASS_COLUMNS 4
 #define FIRST_PASS_FROM 160

@@ -22,7 +22,7 @@ enum { DIM_COLUMNS = 3 };
 #define DIM_OF_LEVEL 0.85
 // Half-width of the window over which the relief is averaged, in units of half the stripe spacing.
 enum { AVERAGED = 4 };
-// Distance of the columns from which medians of distances are computed.
+// Spacing of the columns from which medians of distances are computed.
 enum { SPARSE = 4 };
 
 // Columns of a stripe counted from either end: column i from that end is i or n - 1 - i.

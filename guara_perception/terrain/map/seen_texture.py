@@ -234,7 +234,7 @@ def visual_motion(
     new = 1.0 - float(np.mean(before[now > 0] > 0)) if now.any() else 1.0
     found, shifts = _found_again(now, before)
     if len(found) < LEAST_CORNERS:
-        return refused(f"{len(found)} corners were found again, {LEAST_CORNERS} are needed", len(found))
+        return refused(f"corners found again: {len(found)}, needed: {LEAST_CORNERS}", len(found))
     about = (found + first[::-1] + 0.5) * PIXEL_M - transform[:2, 3]
     motion, sigma, agreeing = _agreed(about, shifts * PIXEL_M)
     count = int(agreeing.sum())

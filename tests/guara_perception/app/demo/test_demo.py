@@ -215,7 +215,7 @@ def test_a_walk_as_promised_has_no_failures() -> None:
             {"footholds": [foothold()] * 8 + [foothold(is_swing_refused=True, step=7)]},
             "swings refused by check_path: 1, the first at step 7",
         ),
-        ({"unknown_called_safe": 3}, "3 unknown cells were called traversable"),
+        ({"unknown_called_safe": 3}, "unknown cells called traversable: 3"),
     ],
 )
 def test_each_broken_promise_is_a_failure(changes: dict[str, object], said: str) -> None:
