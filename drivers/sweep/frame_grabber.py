@@ -20,7 +20,7 @@ class FrameGrabber:
 
     Attributes:
         used: number of frames returned.
-        skipped: number of frames dropped because they may have been exposed, at least partly, before the command had
+        skipped: number of frames discarded because they may have been exposed, at least partly, before the command had
             taken effect.
         dropped: number of frames that are missing in the camera's counter and were due while a frame was expected.
         repeated: number of frames whose number had already been seen.
@@ -51,7 +51,7 @@ class FrameGrabber:
     def after(self, ready: float, proved: Callable[[], float] | None = None) -> Frame | None:
         """Return the first frame that was exposed entirely after `ready` [s]; None if none arrives in time.
 
-        If the camera's lag is unknown, `flush_frames` frames that arrive after `ready` are dropped instead.
+        If the camera's lag is unknown, `flush_frames` frames that arrive after `ready` are discarded instead.
 
         Args:
             ready: time at which the command had taken effect [s]; if `proved` is given, the earliest possible such

@@ -192,13 +192,13 @@ def worst_error_px(camera: CameraModel, seed: int = 0) -> float:
 )
 @settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_rays_are_those_of_the_camera(k1: float, k2: float, p: tuple[float, float], seed: int) -> None:
-    """Any usual lens: within a few millionths of a pixel, fitted or not."""
+    """Any typical lens: within a few millionths of a pixel, fitted or not."""
     assert worst_error_px(CameraModel(SMALL, SMALL_MATRIX, np.array([k1, k2, *p, 0.0])), seed) < 3 * TOLERANCE_PX
 
 
 @pytest.mark.parametrize("k1", [0.0, -0.22, -0.6])
 def test_lens_that_no_polynomial_fits_is_computed_exactly(k1: float) -> None:
-    """Polynomials fit usual lenses; rays of a strong one, which folds inside the picture, are computed exactly."""
+    """Polynomials fit typical lenses; rays of a strong one, which folds inside the picture, are computed exactly."""
     camera = CameraModel(SMALL, SMALL_MATRIX, np.array([k1, 0, 0, 0, 0]))
     assert (Triangulator(camera, np.eye(4))._coefficients is None) == (k1 == -0.6)
     assert worst_error_px(camera) < TOLERANCE_PX
