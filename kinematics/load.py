@@ -2,7 +2,7 @@
 
 The description is sent with the grids, so that receivers can compute the reach of the robot's legs. It is the
 compressed text of robot.toml, the SRDF and the parts of the URDF that are used. Its origin is not trusted: its size is
-limited, its texts pass the same checks as the files of a folder, and no other file is opened to load it.
+limited, its texts are checked like the files of a folder, and no other file is opened to load it.
 """
 
 from __future__ import annotations
@@ -147,8 +147,8 @@ def _find(name_or_path: str | Path) -> Path:
     if (folder / "robot.toml").is_file():
         return folder.resolve()
     raise RobotNotFound(
-        f"no robot {str(name_or_path)!r}: it is neither a folder with a robot.toml nor one of the names "
-        f"{', '.join(names)}: give the path of its folder"
+        f"no robot {str(name_or_path)!r}: give the path of a folder with a robot.toml, or one of the names "
+        f"{', '.join(names)}"
     )
 
 

@@ -20,7 +20,8 @@ HEIGHT_TOLERANCE = 0.0005
 PAIR_TOLERANCE = 0.0005
 
 # Largest accepted difference in height between a sole frame and the lowest point of its foot [m]. Every foothold is
-# wrong by this difference. On a round foot of radius 20 mm, a frame aligned with a tilted shank is wrong by 4 mm.
+# wrong by this difference: by 4 mm, for example, on a round foot of radius 20 mm if the frame is aligned with a shank
+# tilted by 37 degrees.
 SOLE_TOLERANCE = 0.005
 
 
@@ -234,7 +235,7 @@ def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture,
     for leg, sole in zip(tree.legs, soles, strict=True):
         if abs(sole[2] - floor) > HEIGHT_TOLERANCE:
             findings.wrong(
-                f"{where}: the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm off the plane of all soles: "
+                f"{where}: the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm from the mean height of all soles: "
                 "correct its joints in the SRDF",
                 line,
             )

@@ -55,7 +55,8 @@ def checked_transform(value: npt.ArrayLike, name: str) -> Float:
     """
     transform = np.array(value, dtype=np.float64)
     if transform.shape != (4, 4) or not np.all(np.isfinite(transform)):
-        raise ArgumentError(f"{name} has shape {transform.shape}; a finite (4, 4) matrix is needed")
+        fault = "a value that is not finite" if transform.shape == (4, 4) else f"shape {transform.shape}"
+        raise ArgumentError(f"{name} has {fault}; a finite (4, 4) matrix is needed")
     rotation = transform[:3, :3]
     error, determinant = np.abs(rotation @ rotation.T - np.eye(3)).max(), np.linalg.det(rotation)
     if error > ROTATION_TOLERANCE or determinant < 0.0:
@@ -74,7 +75,8 @@ def checked_covariance(value: npt.ArrayLike, name: str) -> Float:
     """
     covariance = np.array(value, dtype=np.float64)
     if covariance.shape != (6, 6) or not np.all(np.isfinite(covariance)):
-        raise ArgumentError(f"{name} has shape {covariance.shape}; a finite (6, 6) matrix is needed")
+        fault = "a value that is not finite" if covariance.shape == (6, 6) else f"shape {covariance.shape}"
+        raise ArgumentError(f"{name} has {fault}; a finite (6, 6) matrix is needed")
     scale = max(float(np.abs(covariance).max()), np.finfo(float).tiny)
     if np.abs(covariance - covariance.T).max() > 1e-9 * scale:
         raise ArgumentError(f"{name} is not symmetric")

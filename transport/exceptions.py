@@ -57,12 +57,12 @@ class ScannerGone(ScannerUnavailable):
 class StaleTerrain(TransportError, LookupError):
     """No usable grid: none is published yet, or the newest one may not be used.
 
-    A grid may not be used if it is too many seconds or pauses old, from another walk or run of the node, withdrawn, not
-    or no longer confirmed by a live node, followed by a grid that has not arrived, or provisional although a confirmed
-    one is required.
+    A grid may not be used if it is too old in seconds or pauses, comes from another walk or run of the node, was
+    withdrawn, is not currently confirmed by a live node, was followed by a grid that has not arrived, or is provisional
+    although a confirmed grid is required.
 
     Attributes:
-        is_final: False if waiting may resolve the objections to the newest grid.
+        is_final: False if waiting may remove all reasons why the newest grid may not be used.
     """
 
     def __init__(self, message: str = "", *, is_final: bool = True) -> None:

@@ -38,7 +38,7 @@ from transport.stance_link import GaitClock
 from transport.supervision import FailureLog
 
 logger = logging.getLogger(__name__)
-# Longest time for which the final reply to a scan request waits until the terrain message is sent [s].
+# Longest time for which the final reply to a scan request waits for the terrain message to be sent [s].
 SEND_TIMEOUT = 2.0
 # Time during which a jump of the clock stays in the status [s].
 REPORTED_FOR = 60.0
@@ -200,7 +200,7 @@ class PerceptionServer(Resource):
         self._post_derived(nothing, np.full(nothing.shape, 100, np.int8))
 
     def draw_with(self, draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]]) -> None:
-        """Send to ROS 2, for each grid, the message objects that `draw` returns, as pairs in the form of `mirror`.
+        """For each grid, send to ROS 2 what `draw` returns: pairs (topic, message object) as in `mirror`.
 
         `publish` then no longer sends occupancy and grid map to ROS 2; `draw` should return them too.
         """
@@ -210,7 +210,7 @@ class PerceptionServer(Resource):
         """Send message objects to ROS 2 if there is a bridge. Returns immediately.
 
         Args:
-            make: returns pairs of topic, named as in `Ros2Bridge.put`, and message object; called on a thread of the
+            make: returns pairs (topic, message object), with topics as in `Ros2Bridge.put`; called on a thread of the
                 outbox.
             lane: name of a queue of length one, in which a new call replaces a waiting one.
         """
@@ -240,7 +240,7 @@ class PerceptionServer(Resource):
             try:
                 self._outbox.flush(SEND_TIMEOUT, lane=terrain.extent)
             except ReceiveTimeout as error:
-                # The scan is complete, and the client waits for the grid itself as well.
+                # The scan is complete, and after the reply the client still waits for the grid.
                 logger.warning("grid of step %d: %s", terrain.step, error)
             return terrain
 

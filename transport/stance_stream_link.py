@@ -69,10 +69,10 @@ class Batcher:
         self._sequence = 0
 
     def add(self, sample: JointSample, epoch: str) -> StanceStream | None:
-        """Add a sample; return the batch of the earlier samples, of the walk `epoch`, if it is complete, or None.
+        """Add a sample; if the earlier samples form a complete batch, return it, otherwise None.
 
-        A batch is complete if it is full, if its first sample precedes the new one by `BATCH_PERIOD` or more, or if the
-        new sample has other joints or measurements.
+        `epoch` is the walk of the batch. A batch is complete if it is full, if its first sample precedes the new one by
+        `BATCH_PERIOD` or more, or if the new sample has other joints or measurements.
 
         Raises:
             MessageError: the stamp is not later than the previous one, or the batch is not valid.
@@ -88,7 +88,7 @@ class Batcher:
         return None
 
     def take(self, epoch: str, rest: list[JointSample]) -> StanceStream | None:
-        """Return the batch of all samples, or None if there are none; `rest` waits from now on.
+        """Return a batch of all waiting samples, or None if there are none; `rest` begins the next batch.
 
         Raises:
             MessageError: the batch is not valid.
@@ -189,8 +189,8 @@ class StanceStreamReceiver(OrderedReceiver[StanceStream]):
             session: open session.
             robot: instance name.
             on_batch: called with each batch, on a separate thread.
-            on_refused: called on that thread with the error when a batch is not valid, once for consecutive invalid
-                batches that wait.
+            on_refused: called on that thread with the error of an invalid batch, once for consecutive waiting batches
+                with the same type of error.
         """
         key = stance_stream_key(robot)
         super().__init__(session, key, decode_stance_stream, on_batch, on_refused, latched=False)

@@ -14,8 +14,8 @@ from drivers.frame import Frame, read_only
 class ReplayCamera(Camera):
     """Camera that returns the frames of an iterable in order, without dropping any.
 
-    The frames must be in the order in which `acquire` grabs them. If the iterable can be iterated again, like a list,
-    the replay starts over when the camera is reopened.
+    For a scan, the frames must be in the order in which `drivers.acquire` grabs them. If the iterable can be iterated
+    again, like a list, the replay starts over when the camera is reopened.
     """
 
     lag = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 import socket
 import time
@@ -31,15 +32,15 @@ from transport import Health, TransportError
 
 OK, SKIP, WARN, FAIL = "ok", "skip", "warn", "FAIL"
 CHECKS = ("usb", "board", "camera", "cameras", "zenoh", "calibration", "drift", "disk", "speed", "certificates")
-# Age above which a calibration is doubtful, since a mount may have been knocked [days]. The paper's rig was calibrated
-# before each session.
+# Age above which a calibration is doubtful, since a mount may have been knocked [days]. The rig of the paper
+# (docs/paper.md) was calibrated before each session.
 CALIBRATION_AGE_DAYS = 30
 # [byte] Free disk space below which a warning is given; it is enough for ten recorded standard scans with frames of
 # 640 x 512 px.
 DISK_BYTES = 1_000_000_000
 NO_FLOOR = (
-    "scan again with more floor in view; if flat, empty floor fills the view, the calibration belongs to another "
-    "camera or mount"
+    "scan again with more floor in view; if the view already shows only flat, empty floor, the calibration belongs to "
+    "another camera or mount"
 )
 # Time to extract a stripe of 1280x1024 px above which a warning is given [s]: just under half the frame interval at 30
 # frames per second.
@@ -133,7 +134,7 @@ def check_board(devices: Devices) -> Finding:
 def check_camera(devices: Devices) -> Finding:
     """Check that the camera is that of devices.toml, accepts its settings and delivers frames of the right size.
 
-    A trigger line must exist on the camera. The message also says how the frames are verified.
+    If a trigger line is configured, the camera must have it. The message also says how the frames are verified.
     """
     held = ""
     triggered = devices.camera()
@@ -142,7 +143,7 @@ def check_camera(devices: Devices) -> Finding:
             locked = camera.lock(devices.camera_settings())
             held = "".join(f"{name} locked at {getattr(locked, name):g}; " for name in devices.settings)
         frame = camera.grab(2.0)
-        check_identity(camera.identity, devices.identity, "what is connected")
+        check_identity(camera.identity, devices.identity, "the connected device")
         named = f" ({camera.identity})" if camera.identity else ""
     if triggered.triggered:
         # Opening fails if the camera does not have this trigger line.
@@ -223,9 +224,8 @@ def check_endpoint(listen: str) -> Finding:
         try:
             probe.bind((host.strip("[]") or "127.0.0.1", int(port)))
         except OSError as error:
-            return Finding(
-                FAIL, f"{listen}: {error.strerror}; stop the node that uses it, or choose another with --listen"
-            )
+            stop = "stop the node that uses it, or " if error.errno == errno.EADDRINUSE else ""
+            return Finding(FAIL, f"{listen}: {error.strerror}; {stop}choose another endpoint with --listen")
     return Finding(OK, f"{listen} is free ({protocol})")
 
 

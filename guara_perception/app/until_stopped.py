@@ -93,8 +93,8 @@ def closed_within(devices: AbstractContextManager[Any], seconds: float | None = 
 def _end(seconds: float) -> None:
     try:
         click.echo(
-            f"guara: camera or laser board did not close within {seconds:g} s, exiting without them; the board's "
-            "watchdog turns the laser off: check that it is dark, then reconnect both",
+            f"guara: camera or laser board did not close within {seconds:g} s; exiting anyway. The board's watchdog "
+            "turns the laser off: check that the laser is off, then unplug and reconnect camera and board",
             err=True,
         )
     finally:

@@ -22,7 +22,7 @@ from kinematics import RobotModel
 from kinematics.transforms import inverse, transform_points
 
 # Distance from the laser plane [sigmas] beyond which the light is neglected: with the default light, less than 0.03 %
-# of the peak remains there. Sigma includes the blur of the lens in a pixel of MAX_FOOTPRINT_M.
+# of the peak remains there. Sigma includes the blur of the lens for a pixel of extent MAX_FOOTPRINT_M.
 REACH_SIGMAS = 4.5
 # Largest extent of a pixel across the laser plane. A larger extent occurs at depth edges and is reduced to this value.
 MAX_FOOTPRINT_M = 0.002
@@ -111,7 +111,7 @@ class SimulatedRangefinder:
             clearance = position[2] - float(self.world.height(position[0], position[1]))
             if clearance < LEAST_CLEARANCE_M:
                 raise InvalidInput(
-                    f"the {name} is {clearance:.3f} m above the ground, allowed: {LEAST_CLEARANCE_M} m or more"
+                    f"the {name} is {clearance:.3f} m above the ground; allowed: {LEAST_CLEARANCE_M} m or more"
                 )
         if view is None:
             body = None if joint_positions is None else Body(self.robot.state(joint_positions), transform)

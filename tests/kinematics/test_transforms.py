@@ -40,7 +40,7 @@ def test_skew_is_the_cross_product() -> None:
     ("change", "message"),
     [
         (lambda t: t[:3], r"mount has shape \(3, 4\); a finite \(4, 4\) matrix"),
-        (lambda t: t * np.nan, "a finite"),
+        (lambda t: t * np.nan, "has a value that is not finite; a finite"),
         (
             lambda t: np.diag([1.0, 1.0, -1.0, 1.0]) @ t,
             "mount contains no rotation: R R' - I is up to .*, det R is -1",
@@ -62,7 +62,7 @@ def test_what_is_no_transform_is_refused(change, message: str) -> None:  # noqa:
     ("covariance", "message"),
     [
         (np.eye(3), r"noise has shape \(3, 3\); a finite \(6, 6\)"),
-        (np.eye(6) * np.nan, "a finite"),
+        (np.eye(6) * np.nan, "has a value that is not finite; a finite"),
         (np.eye(6) + np.eye(6, k=1), "noise is not symmetric"),
         (-np.eye(6), "noise has a negative eigenvalue"),
     ],

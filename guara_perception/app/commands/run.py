@@ -47,7 +47,8 @@ JPEG_QUALITY = 90
     "--gait",
     type=click.Choice(["wave", "external"]),
     default="wave",
-    help="with --simulated: external = the robot is placed at the stance pauses that your own gait announces",
+    help="with --simulated: external = your own gait announces the stance pauses, and the simulated robot is placed "
+    "accordingly",
 )
 @click.option(
     "--world", default="demo", help="with --simulated: demo, sunlit, stones, or a world file (terrain, light)"

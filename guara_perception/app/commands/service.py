@@ -68,7 +68,7 @@ def install(node: Path, name: str, user: str, units: Path, force: bool) -> None:
 
     text, path = unit(name, node, user), units / f"{name}.service"
     if not node.is_file():
-        raise MissingFile(f"{node}: no such file; the service reads its options there (docs/operations.md)")
+        raise MissingFile(f"{node}: no such file; the service reads its options from this file (docs/operations.md)")
     if path.exists() and path.read_text(encoding="utf-8") != text and not force:
         raise InvalidInput(f"{path} exists and differs; give --force to replace it, or another --name")
     with whole_file(path) as temporary:

@@ -23,7 +23,7 @@ def describe_file(path: str | Path) -> dict[str, Any]:
 
     Raises:
         MissingFile: the path, or a frame named in a scan folder, does not exist.
-        InvalidInput: the file or folder is of another kind, or a robot folder cannot be loaded.
+        InvalidInput: the file or folder is none of `KINDS`, or a robot folder cannot be loaded.
         FileFormatError: the file, or one in the folder, is damaged.
         UnsafeGrid: a recorded grid violates the safety invariant.
     """

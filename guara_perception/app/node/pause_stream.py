@@ -1,4 +1,4 @@
-"""Joint stream of one pause: pose of the body at each flash, and instant until which that pose is known."""
+"""Joint stream of one pause: body poses, the time up to which they are known, and flash times on the gait's clock."""
 
 from __future__ import annotations
 

@@ -57,8 +57,9 @@ class DistanceField(FrozenArrays):
 def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale: bool = False) -> DistanceField:
     """Compute the signed distance field between heights `low` and `high` [m], in voxels as large as the cells.
 
-    The ground is assumed at its highest samples plus confidence. Unknown and STALE cells are solid at every height, and
-    so is everything beside the grid or below `low`. Distances are lower bounds. The result is not cached.
+    The ground is assumed at its highest samples plus `confidence` standard deviations. Unknown and STALE cells are
+    solid at every height, and so is everything beside the grid or below `low`. Distances are lower bounds. The result
+    is not cached.
 
     Raises:
         InvalidInput: the heights are not finite, `low` is not below `high`, there are more than MOST_VOXELS voxels, or

@@ -25,11 +25,12 @@ def leg_clearance(
 ) -> float:
     """Least height of a leg above the ground [m], with its sole on a foothold and the body at its pose in the scan.
 
-    The height of the ground is an upper bound: highest samples, or the ceiling of unknown ground, plus confidence.
+    The ground is at an upper bound of its height: the highest sample, or the ceiling of unknown ground, plus
+    `confidence` standard deviations. Unknown cells under a sole that stands at the position are at the sole's height.
     Parts of the leg that are closer to the sole's centre than the longer side of the sole are not tested. The result is
     negative if the leg would be in the ground, and inf if no part of the leg is tested. It is NaN if the ground at the
-    position is unknown, if ground below the leg is unknown without a ceiling, STALE or off the grid, or if the leg
-    cannot reach the position.
+    position is unknown, if other ground below the leg is unknown without a ceiling, STALE or off the grid, or if the
+    leg cannot reach the position.
 
     Args:
         x, y: centre of the sole in base_footprint [m].

@@ -321,9 +321,9 @@ def highest_ground(ground: SwingGround, x: Float, y: Float) -> Float:
 def highest_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Float:
     """Upper bound of the ground at positions in base_footprint [m], for planners that compare many swing paths.
 
-    The bound is the highest sample, or the ceiling of unknown ground, plus confidence. It is NaN where the ground is
-    unknown without a ceiling, STALE or off the grid. `check_path` and `swing` use the same heights, except under the
-    sole at the start.
+    The bound is the highest sample, or the ceiling of unknown ground, plus `confidence` standard deviations. It is NaN
+    where the ground is unknown without a ceiling, STALE or off the grid. `check_path` and `swing` use the same heights,
+    except under the sole at the start.
 
     Raises:
         InvalidInput: x and y are not numbers, their shapes cannot be broadcast together, or the metadata of the grid

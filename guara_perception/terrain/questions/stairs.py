@@ -40,8 +40,8 @@ LANDING = 2.0
 STRIP_M = 0.010
 LEAST_STRIPS = 8
 OF_TREAD = 0.35
-# Widest gap between the known cells of two treads (2.2 cells if that is more) that has the edge in its middle; across a
-# wider gap, the edge is the border of the upper tread.
+# Widest gap between the known cells of two treads (2.2 cells if that is more) in whose middle the edge is placed.
+# Across a wider gap, the edge is placed at the border of the upper tread.
 WIDEST_GAP_M = 0.030
 # Largest rms deviation of an edge from a straight line; one cell if that is more.
 EDGE_STRAIGHT_M = 0.010
@@ -55,7 +55,7 @@ Flight: TypeAlias = list[tuple[Mask, float]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tread(FrozenArrays):
-    """Level part of stairs; the lowest and highest treads are the ground in front of and behind the stairs.
+    """Level part of stairs; the lowest and highest treads are the ground at the foot and at the top of the stairs.
 
     Attributes:
         plane: (3,) coefficients p of z = p[0] x + p[1] y + p[2] in base_footprint.
@@ -89,7 +89,7 @@ class Stairs(FrozenArrays):
     """Treads from the lowest to the highest, and the risers between them.
 
     Attributes:
-        treads: treads including the ground in front of and behind the stairs, one more than `risers`.
+        treads: treads including the ground at the foot and at the top of the stairs, one more than `risers`.
         risers: rises from each tread to the next.
         direction: (2,) horizontal unit vector up the stairs.
         rise: mean height of the risers [m].
@@ -108,12 +108,12 @@ def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
 
     Treads are level regions of known ground; the rises between them are similar and from 12 mm to 0.3 m. There must be
     a straight edge between neighbouring treads, all edges must be nearly parallel, and no tread between two edges may
-    be more than twice as deep as their median. An edge is in the middle of the gap between the known cells of both
-    treads, or at the border of the upper tread if the gap is wider than 30 mm (or 2.2 cells, if that is more).
+    be deeper than twice the median depth of these treads. An edge is in the middle of the gap between the known cells
+    of both treads, or at the border of the upper tread if the gap is wider than 30 mm (or 2.2 cells, if that is more).
     `check_foothold` decides whether a foot may be placed on a tread.
 
     Raises:
-        InvalidInput: the metadata of the grid lacks limits.
+        InvalidInput: the metadata of the grid lacks valid traversability limits.
         MissingExtra: OpenCV is not installed.
     """
     terrain = asked(terrain, allow_stale)
@@ -264,7 +264,8 @@ class _Edge:
 
 def _edge(x: Float, y: Float, height: Float, cell: float, lower: float, upper: float, direction: Float) -> _Edge | None:
     """Edge between treads at two heights; None if there is no straight edge."""
-    # 2.2 cells, because along a diagonal climb even neighbouring cell centres of a strip are up to 1.4 cells apart.
+    # 2.2 cells exceed the distance between neighbours along a diagonal climb, 1.4 cells, and the distance across one
+    # unknown cell along a climb in the direction of an axis, 2 cells.
     width, straight, widest = max(STRIP_M, cell), max(EDGE_STRAIGHT_M, cell), max(WIDEST_GAP_M, 2.2 * cell)
     along = direction[0] * x + direction[1] * y
     strip = np.floor((direction[0] * y - direction[1] * x) / width).astype(int)

@@ -46,8 +46,14 @@ def test_a_taken_port_is_reported(free_endpoint: str) -> None:
         taken.bind((host, int(port)))
         taken.listen()
         finding = attempt(doctor.check_endpoint, free_endpoint)
-    assert finding.level == FAIL and "--listen" in finding.message
+    assert finding.level == FAIL and "stop the node that uses it, or choose another endpoint" in finding.message
     assert attempt(doctor.check_endpoint, "nonsense").level == FAIL
+
+
+def test_an_address_of_another_machine_is_not_called_in_use() -> None:
+    """Such an address is reserved for documentation, so no machine has it."""
+    finding = attempt(doctor.check_endpoint, "tcp/192.0.2.1:7447")
+    assert finding.level == FAIL and "--listen" in finding.message and "stop the node" not in finding.message
 
 
 @pytest.mark.parametrize(
@@ -109,7 +115,7 @@ def test_drift_is_checked_on_a_scan(data: Path, calibration: gp.Calibration, tmp
         (robot / kind / f"mine.{suffix}").write_text(text)
     gp.save_calibration(dataclasses.replace(calibration, robot="mine"), tmp_path / "mine.json")
     finding = attempt(doctor.check_scan_drift, tmp_path / "mine.json", copied)
-    assert finding.level == FAIL and "give the path of its folder" in finding.message
+    assert finding.level == FAIL and "give the path of a folder with a robot.toml" in finding.message
     assert attempt(doctor.check_scan_drift, tmp_path / "mine.json", copied, str(robot)).level == OK
     assert "not checked" in attempt(doctor.check_scan_drift, None, None).message
     assert attempt(doctor.check_scan_drift, tmp_path / "true.json", tmp_path / "none").level == FAIL

@@ -274,7 +274,7 @@ def test_bad_input_is_refused(robot: RobotModel, calibration: Calibration) -> No
         rangefinder.frame()
     low = np.eye(4)
     low[2, 3] = -0.1
-    with pytest.raises(InvalidInput, match="the camera is 0.0.* m above the ground, allowed: 0.05 m or more"):
+    with pytest.raises(InvalidInput, match="the camera is 0.0.* m above the ground; allowed: 0.05 m or more"):
         rangefinder.set_pose(low)
     rangefinder.set_pose(standing())
     with pytest.raises(CalibrationMismatch, match="stripe index 70 is not in the calibration"):

@@ -75,7 +75,7 @@ def test_bad_names_are_refused(options: list[str], message: str, capsys: pytest.
 
 def test_a_unit_needs_its_node_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["service", "install", "--node", str(tmp_path / "none.toml"), "--units", str(tmp_path)]) == 2
-    assert "none.toml: no such file; the service reads its options there" in capsys.readouterr().err
+    assert "none.toml: no such file; the service reads its options from this file" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 

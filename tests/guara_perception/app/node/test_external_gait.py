@@ -159,7 +159,7 @@ def test_a_camera_in_a_wall_sees_nothing(robot: RobotModel) -> None:
         follower.begin(pause)
         if follower.told:
             break
-    assert "above the ground, allowed: 0.05 m or more" in follower.told[0]
+    assert "above the ground; allowed: 0.05 m or more" in follower.told[0]
     assert isinstance(follower.heard[-1], MessageError) and len(follower.heard) > 1
     follower.begin(pauses[0], "another walk")
     assert isinstance(follower.heard[-1], StancePause)
