@@ -27,9 +27,9 @@ DIRECTIONS = 80
 def find_mesh(filename: str, urdf: Path) -> Path:
     """Find the file named by a `<mesh filename>`.
 
-    `package://NAME/rest` is searched in every folder NAME that is an ancestor of the URDF or directly inside one, then
-    in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH. Other names are paths relative to the URDF's folder, or absolute, with or
-    without `file://`.
+    `package://NAME/rest` is searched in each ancestor folder of the URDF, if it is called NAME, and in its subfolder
+    NAME; then in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH. Other names are paths relative to the URDF's folder, or
+    absolute, with or without `file://`.
 
     Raises:
         RobotFileError: the file was not found; the message lists the first paths searched.

@@ -45,7 +45,7 @@ def stability_margin(pose: StancePose, *, lifted: str | None = None) -> float:
     which extends about half a sole further.
 
     Args:
-        pose: the stance pose, whose used soles span the polygon.
+        pose: the stance pose; the soles of its `support_feet_used` span the polygon.
         lifted: leg that is about to be lifted; its sole is excluded, but its mass stays at its current position.
 
     Raises:

@@ -62,13 +62,14 @@ def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -
         if not others and min([mine, *claims]) == mine:
             return claim
         if not is_reported:
-            logger.warning("another node named %r is running; waiting up to %g s for it to stop", robot, timeout)
+            text = "another node uses or waits for the name %r; waiting up to %g s for it to stop"
+            logger.warning(text, robot, timeout)
             is_reported = True
         if time.monotonic() > deadline:
             claim.close()
             raise NameTaken(
-                f"another node of robot {robot!r} is still running on this router after {timeout:g} s; planners would "
-                "receive grids of two robots. Stop it, or give this one another name (--name)"
+                f"after {timeout:g} s, another node on this router still uses or waits for the name {robot!r}; "
+                "planners would receive the grids of both nodes. Stop it, or give this one another name (--name)"
             )
         time.sleep(POLL)
 
@@ -142,8 +143,8 @@ class NameWatch:
             session: open session of the node.
             robot: instance name.
             run: identity of the node's own run.
-            on_change: called on Zenoh's thread when a node that uses or claims the name, also this one, appears or
-                disappears; must not block.
+            on_change: called on Zenoh's thread when a node that uses or claims the name, including this one, appears
+                or disappears; must not block.
         """
         self._robot, self._run = robot, run
         self._claims = TokenWatcher(session, claim_key(robot), lambda _: on_change())

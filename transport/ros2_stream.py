@@ -72,9 +72,9 @@ def decode_joint_state(payload: bytes) -> JointState:
 class Ros2Stream:
     """Receiver of `/<robot>/joint_states` and `/<robot>/imu` that converts their messages to StanceStream batches.
 
-    JointState contains neither the support feet nor the walk. Every leg is marked as supporting, so that the support
-    feet announced at the begin of the pause apply, and the samples belong to the current walk. Both topics must be
-    stamped by the clock that stamps the pauses.
+    JointState contains neither the support feet nor the walk. Every leg is therefore marked as supporting, which
+    leaves the choice to the support feet announced at BEGIN, and the epoch is ANY_WALK, which assigns the samples to
+    the current walk. Both topics must be stamped by the clock that stamps the pauses.
     """
 
     def __init__(
@@ -118,8 +118,8 @@ class Ros2Stream:
         if missing := [name for name in self._joints if name not in found]:
             self._on_refused(
                 MessageError(
-                    f"JointState lacks {len(missing)} of {len(self._joints)} joints, among them "
-                    f"{', '.join(missing[:4])}; required: all movable joints of the URDF"
+                    f"JointState lacks {len(missing)} of {len(self._joints)} joints ({', '.join(missing[:4])}"
+                    f"{', ...' * (len(missing) > 4)}); required: all movable joints of the URDF"
                 )
             )
             return

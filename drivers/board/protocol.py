@@ -18,7 +18,8 @@ DARKS_SINCE = (1, 2)
 
 INTERFACE = 0
 REPORT_ENDPOINT = 0x81
-# bmRequestType of every command: device to host, vendor, device. The data stage contains the reply.
+# bmRequestType of every command: direction device-to-host, type vendor, recipient device. The data stage contains the
+# reply.
 REQUEST_IN = 0xC0
 
 IDENTITY_MAGIC = b"GUAR"
@@ -29,7 +30,7 @@ MOTION_SIZE = 32
 # Length of a read from the interrupt endpoint [bytes].
 REPORT_SIZE = 32
 
-# First byte of a stripe record. A status report begins with its result, which is 0.
+# First byte of a stripe record. A status record on the same endpoint begins with its result, which is always 0 there.
 STRIPE_MARK = 0x53
 # Largest number of stripes in a sweep, and number of entries in the step table.
 SWEEP_STRIPES, SWEEP_PLACES = 256, 512

@@ -1,4 +1,7 @@
-"""Measurement of a camera's lag: age of the oldest light in a frame at the time of the frame's stamp."""
+"""Measurement of a camera's lag.
+
+The lag is the age of the oldest light in a frame, apart from at most a tenth of the light, at the time of the stamp.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +35,8 @@ class LagMeasurement:
     """Measured lag of a camera.
 
     Attributes:
-        lag: upper bound of the lag [s]. At most a tenth of the laser light in a frame with stamp t is older than
-            t - lag.
+        lag: upper bound of the lag [s]. In a frame with stamp t, at most a tenth of the laser light was received
+            before t - lag.
         uncertainty: width of the measured interval [s]; the true lag is between lag - uncertainty and lag.
         period: time between frames [s].
     """
@@ -100,8 +103,9 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
         board.laser_off()
     if longest < shortest:
         raise LaserNotSeen(
-            f"{camera.name}: some frames show the laser {(shortest - longest) * 1e3:.1f} ms earlier than others allow: "
-            "is the stripe clipped, or does anything else light the scene?"
+            f"{camera.name}: the frames contradict each other by {(shortest - longest) * 1e3:.1f} ms: one showed a "
+            "change of the laser that another, longer after its change, did not show: is the stripe clipped, or does "
+            "anything else light the scene?"
         )
     return LagMeasurement(longest, longest - shortest, period)
 

@@ -50,7 +50,9 @@ def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView
         )
     if wrong_grid(grey, corners, size):
         return BoardView.unusable(
-            name, f"the board does not have {board.columns}x{board.rows} inner corners: wrong corner count"
+            name,
+            f"the detected corners are not a complete grid of {board.columns}x{board.rows} inner corners: is it "
+            "another board?",
         )
     if board.shows_handedness and is_mirrored(grey, corners, board):
         return BoardView.unusable(name, MIRRORED)
@@ -85,7 +87,7 @@ def refine_corners(grey: Image, corners: Float, size: tuple[int, int]) -> Float:
 
 
 def sub_pixel(grey: Image, corners: Float, half: int) -> Float:
-    """Refine corners (n, 2) by OpenCV in windows of half width `half` [px]."""
+    """Refine corners (n, 2) with `cv2.cornerSubPix`, in windows of half width `half` [px]."""
     start = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-4)
     found = cv2.cornerSubPix(grey, start, (half, half), (-1, -1), criteria)

@@ -84,7 +84,11 @@ class ScanGeometry:
         return self.calibration.camera.project((points_in_footprint - transform[:3, 3]) @ transform[:3, :3])
 
     def moved(self, places: Mapping[int, StripePlace]) -> ScanGeometry:
-        """Copy for a moving camera: planes at the poses of their stripes, the sensors at that of the middle one."""
+        """Copy for a moving camera.
+
+        Each laser plane is placed by the camera pose at the flash of its stripe, camera and laser by the pose at the
+        flash of the middle stripe. A stripe without a pose keeps the plane of this geometry.
+        """
         poses = {index: place.transform_camera_to_footprint for index, place in places.items()}
         planes = [
             plane_in_frame(stripe.plane_in_camera[None], poses.get(index, self.transform_camera_to_footprint))
@@ -206,7 +210,7 @@ def variance_by_motion(points: Float, camera: Float, motion: Float) -> Float:
     """
     x, y = points[0] - camera[0], points[1] - camera[1]
     (zz, zx, zy), (_, xx, xy), (_, _, yy) = motion
-    # Element by element, so that rounding does not depend on the other stripes.
+    # Written out instead of as a matrix product, whose rounding can depend on the number of points.
     return np.asarray(zz + 2.0 * (zx * y - zy * x) + xx * y**2 - 2.0 * xy * x * y + yy * x**2)
 
 

@@ -74,7 +74,8 @@ class SweepBackground:
     """Backgrounds of a sweep without laser-off frames, from one channel of the last few laser-on frames.
 
     The background of a stripe is the minimum of two earlier frames, at the index offsets STRIPES_BEFORE. If one of them
-    was lost or unusable, the stripe is rejected. The first stripes, and stripes out of order, get none (see `add`).
+    was lost or unusable, the stripe is rejected. The first stripes, and stripes out of order, get no background but are
+    not rejected (see `add`).
     """
 
     def __init__(self, stride: int) -> None:
@@ -120,13 +121,14 @@ class SweepBackground:
         missing = [other for other in needed if other not in self._kept]
         if missing:
             return (
-                f"no laser-off frame, and frame {missing[0]}, one of the two earlier frames that replace it, is "
-                "missing or unusable"
+                f"no laser-off frame, and the frame of stripe {missing[0]}, one of the two earlier frames that replace "
+                "it, is missing or unusable"
             )
         return Band(kept[band], np.minimum(*(self._kept[other][band] for other in needed)), rows[0])
 
 
-# Equations that each method uses as printed in the paper; None = triangulation instead of the paper's chain.
+# For each method, the equations of the paper (docs/paper.md) that are used as printed; None = triangulation instead of
+# the paper's equations.
 METHODS: dict[str, Literal | None] = {
     # Matched filter, triangulation with the calibrated laser planes.
     "precise": None,

@@ -38,7 +38,8 @@ class WaveGait:
     @staticmethod
     def of(robot: RobotModel) -> WaveGait:
         """Create the gait of a robot around its scan posture; the order of four legs is RH, RF, LH, LF."""
-        # `hips` are the soles of the scan posture, because on most robots the first joints are not above the soles.
+        # `hips` holds the sole positions of the scan posture, not those of the hip joints, which on most robots are not
+        # directly above the soles.
         state = robot.state(robot.posture(robot.config.scan_posture))
         soles = state.soles_in_base()
         hips = {leg: np.round(sole, 6) for leg, sole in zip(robot.legs, soles, strict=True)}

@@ -21,8 +21,8 @@ SKIRT_COLUMNS = 9
 # Standard deviation of the Gaussian decrease of a halo from the edge of the clipped core [px]; 8 % remain at 20 px.
 HALO_SIGMA_PX = 9.0
 FULL_SCALE = 255.0
-# Ghost (reflection) of the stripe: distance from the stripe and amplitude of its waves, relative to the image height;
-# length of its waves, relative to the image width; and blur [px].
+# Ghost (reflection) of the stripe, displaced along a sine wave: mean displacement and amplitude, relative to the image
+# height; wavelength, relative to the image width; and standard deviation of the blur [px].
 GHOST_OF_HEIGHT, GHOST_AMPLITUDE_OF_HEIGHT, GHOST_WAVE_OF_WIDTH = 0.05, 0.012, 0.4
 GHOST_SIGMA_PX = 1.2
 # First and last column between which the ghost is visible, relative to the image width.
@@ -38,7 +38,7 @@ class Sensor:
         """Generate the noise; each image uses random parts of it.
 
         Args:
-            light: light and sensor.
+            light: parameters of light, laser and sensor.
             shape: height and width of the image [px].
             seed: seed of the noise.
         """
@@ -102,7 +102,7 @@ class Sensor:
         return kept[self._turn % DARK_PICTURES]
 
     def _uneven_picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Image:
-        """Render the whole of a laser-on image, since effects change pixels beside the line (see `Light.is_even`)."""
+        """Render a whole laser-on image: some effects also change pixels outside the stripe (see `Light.is_even`)."""
         gains = np.array(self._light.drift, np.float32)
         level = self._ambient_now()
         if light.size:
@@ -190,7 +190,10 @@ def _ghost(level: Float32, height: int) -> Float32:
 
 
 def _skirt(level: Float32, share: float) -> Float32:
-    """Light scattered by the lens: `share` of each column's peak up to SKIRT_FROM_PX beside it, less farther away."""
+    """Light scattered by the lens: in each column, `share` of the peak (at most 255) within SKIRT_FROM_PX of it.
+
+    Farther away, it decreases as 1 / distance and ends at SKIRT_TO_PX.
+    """
     distance = np.abs(np.arange(-SKIRT_TO_PX, SKIRT_TO_PX + 1))
     taps = (SKIRT_FROM_PX / np.maximum(distance, SKIRT_FROM_PX)).astype(np.float32)
     total = level.sum(axis=0)

@@ -20,8 +20,9 @@ class Sway:
     """Motion of the body over its feet, from the scan posture at time 0.
 
     Attributes:
-        turn: amplitude of pitch and roll together [rad]; the amplitude of the roll is half that of the pitch.
-        shift: amplitude of the shift along x, y and z together [m].
+        turn: root sum of squares of the amplitudes of pitch and roll [rad]; the amplitude of the roll is half that of
+            the pitch.
+        shift: root sum of squares of the amplitudes of the shift along x, y and z [m].
         frequency: frequency of the pitch [1/s]; roll and shift are slower, so that the motion repeats only after
             several periods.
         speed: constant additional speed along x [m/s].
@@ -43,7 +44,7 @@ class Sway:
         return transform
 
     def joints_at(self, robot: RobotModel, time: float) -> Float:
-        """True joint positions (j,) at a time [s]; arguments and errors as in `joints_of`."""
+        """True joint positions (j,) [rad] at a time [s]; raises the errors of `joints_of`."""
         return joints_of(robot, self.at(time))
 
 

@@ -161,7 +161,7 @@ def test_a_withdrawal_that_was_missed_is_noticed_by_its_number() -> None:
     assert node is not None and not held.provisional
     node.sequences["footprint"] += 1
     world.pass_time(1.2)
-    assert "was followed by sequence 3, which has not arrived" in world.against("footprint")[0].text
+    assert "is not the newest: its node has since published or skipped sequence 3" in world.against("footprint")[0].text
 
 
 def test_an_age_that_cannot_be_compared_is_too_old() -> None:

@@ -220,7 +220,7 @@ def test_a_second_node_of_a_name_is_refused_and_both_say_why(start, endpoint: st
             assert eventually(lambda: client.status() is not None and client.status().item("name") is not None)
             assert "another node is waiting for the name 'guara'" in client.status().item("name").message
             second.join(PATIENCE)
-            assert "another node of robot 'guara' is still running on this router" in str(refused[0])
+            assert "another node on this router still uses or waits for the name 'guara'" in str(refused[0])
         assert eventually(lambda: client.status().item("name") is None)
         first.kill()
         start("node", endpoint, "connect")

@@ -96,7 +96,7 @@ def test_joint_states_become_batches_of_the_stream(endpoint: str) -> None:
         bridged.send("joint_states", JOINT_STATE, joint_state(START + 10 * PERIOD, ("a", "c")))
         bridged.wait(refused=2)
         assert "later than the previous one" in str(bridged.refused[0])
-        assert "JointState lacks 1 of 3 joints, among them b; required" in str(bridged.refused[1])
+        assert "JointState lacks 1 of 3 joints (b); required" in str(bridged.refused[1])
         assert len(bridged.batches) == 2
 
 

@@ -17,7 +17,7 @@ from transport.messages.map_messages import RegionsMessage, SummaryMessage
 from transport.messages.status_message import STATUS_NAME, Status, number, whole_number
 from transport.messages.terrain_message import TerrainMessage
 
-# Frame of all grids of this major version.
+# Frame of all grids in this major version of the messages.
 FRAME = "base_footprint"
 # Longest silence during which the last report of a node still confirms a grid [s]. Nodes report once a second and on
 # change; after three missing reports, the node may have stopped, or the next pause may have begun.
@@ -125,8 +125,8 @@ def objections(
     controller. Between the END of a pause and the next BEGIN, that pause counts as the current one, but a grid that is
     still provisional may not be used. If no pauses are announced (a replay), a report made after the grid confirms it
     indefinitely. A grid without a run needs no confirmation while there is no report. In every case, the age must be
-    within `limit`, and the grid must not have been withdrawn. If pauses are announced, a footprint grid must also be
-    the newest one that its node has published.
+    within `limit`, and the grid must not have been withdrawn. If pauses are announced, a footprint grid must also have
+    the last sequence number that its node has published or skipped.
 
     Args:
         grid: the grid.
@@ -173,7 +173,8 @@ def objections(
     if grid.provisional and (pauses or report.standing is False):
         found.append(Objection("was never confirmed, and its pause is over", Cure.GRID))
     if kind == "footprint" and newest is not None and newest > grid.sequence:
-        found.append(Objection(f"was followed by sequence {newest}, which has not arrived", Cure.GRID))
+        text = f"is not the newest: its node has since published or skipped sequence {newest}"
+        found.append(Objection(text, Cure.GRID))
     return tuple(found)
 
 
@@ -208,7 +209,9 @@ class Evidence:
                 self.last_report = replace(self.last_report, heard=-math.inf)
 
     def report(self, status: Status, heard: float) -> str:
-        """Record a status and return "", or return the reason to reject it.
+        """Record the report in a status and return "", or return the reason to reject the status.
+
+        An accepted status without a report, or with one older than the last of its run, changes nothing.
 
         Args:
             status: received status.

@@ -38,10 +38,11 @@ def make_router(
     summary_only: bool = False,
     place: str | None = None,
 ) -> Path:
-    """Make the folder of a router, and grant the router access at its robots' nodes and at the router above.
+    """Make the folder of a router, and grant the router access to its robots' nodes and to the router above.
 
     The router gets only the rights that it needs. At a node, it has those of a viewer (with `scans`, of a planner). To
-    the router above, it sends what its robots' nodes publish. Its certificate stands for all clients behind it.
+    the router above, it sends what its robots' nodes publish. To both, all clients behind the router appear under its
+    certificate.
 
     Args:
         folder: folder made by `init_security`; if it does not exist, it is made for all these robots.

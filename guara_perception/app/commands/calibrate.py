@@ -31,7 +31,7 @@ from guara_perception.exceptions import MissingFile
     help="known intrinsics (OpenCV, ROS or Kalibr file); board pictures then only verify them",
 )
 @click.option("--square", type=float, help="edge of the board's squares [m]; default: that of the session")
-@click.option("--save-camera-info", type=FILE, help="also write the lens as ROS camera_info, .yaml")
+@click.option("--save-camera-info", type=FILE, help="also write the intrinsics as a ROS camera_info file, .yaml")
 def command(
     session: Path,
     out: Path,

@@ -21,9 +21,10 @@ from transport.recording import open_recording as open_messages
 
 
 class Recording(AbstractContextManager["Recording"]):
-    """Recording (.mcap) whose contents are read on demand; use it in a `with` block.
+    """Recording (.mcap) of a node; use it in a `with` block.
 
-    Iterating over a recording yields its footprint grids.
+    Opening it checks the calibration, scans and footprint grids; frames and grids are loaded on demand. Iterating over
+    a recording yields its footprint grids.
 
     Attributes:
         path: path of the file.

@@ -29,15 +29,17 @@ logger = logging.getLogger(__name__)
 SCAN_TIMEOUT_S = 60.0
 # Interval at which a stop is checked for while waiting for a scan.
 STOP_POLL_S = 0.2
-# Rest after each scan, for planners that are slow to subscribe.
+# Time for which the robot keeps standing after each scan, so that a planner that subscribes late still receives the
+# grid during its pause [s].
 REST_S = 1.0
-# Number of gait cycles of a walk, which stays within the demo's world.
+# Number of gait cycles of a walk; few enough to stay within the demo's world.
 CYCLES = 11
 # Iterations of the least-squares fit of the body to the ground; several are needed because the ground is not flat.
 FIT_STEPS = 8
 # Tolerated distance between a sole and the ground [m]; covers joint biases and uneven ground under the sole.
 HANGING_M = 0.020
-# Tolerance for joint readings beyond the limits [rad], of prismatic joints times `joint_scales`; covers encoder noise.
+# Largest tolerated excess of a joint reading over its limit [rad]; multiplied by `joint_scales` for prismatic joints.
+# Covers encoder noise.
 LIMIT_ERROR_RAD = 0.01
 # Tolerated difference between the reported gravity and the tilt of the body on its feet [rad].
 TILT_ERROR_RAD = 0.06
@@ -116,7 +118,9 @@ def _is_done(wait: Callable[[], bool], stop: threading.Event) -> bool:
 
 
 class ExternalGait:
-    """Adapter that places a simulated robot at the stance pauses of another process's gait and reports contradictions.
+    """Adapter that places a simulated robot at the stance pauses of another process's gait.
+
+    Announcements that contradict the robot model, the ground or the previous pause are reported.
 
     Position and heading follow from leg odometry, height and tilt from the support feet, which rest on the ground. The
     joint positions in the messages are treated as encoder readings with a constant bias, as on a real robot. A new walk
@@ -133,9 +137,11 @@ class ExternalGait:
 
         Args:
             robot: simulated robot, whose devices `node` uses.
-            node: running node, which receives each announcement after the placement, or an error if the robot cannot be
-                placed.
-            report: called with a line of text for each pause with a contradiction.
+            node: running node, which receives each announcement after the placement. It receives an error instead if
+                the announcement is invalid or would place camera or laser below the ground. An announcement whose
+                stance does not fit the robot is passed on without placement, for the node to reject.
+            report: called with a line of text for each announcement that contradicts the robot model, the ground or the
+                previous pause.
         """
         self._robot, self._node, self._show = robot, node, report
         tree = robot.robot.tree
@@ -148,7 +154,7 @@ class ExternalGait:
         self.placed = 0
 
     def on_pause(self, announcement: StancePause) -> None:
-        """Place the robot at a BEGIN that is not late, then pass the announcement, or an error, to the node."""
+        """Place the robot at a BEGIN that is not late, then pass the announcement or an error to the node."""
         walk = self._walk
         is_late = walk is not None and walk[0] == announcement.epoch != "" and announcement.step < walk[1]
         if announcement.phase is PausePhase.BEGIN and not is_late:

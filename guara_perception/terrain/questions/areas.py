@@ -70,7 +70,7 @@ class Depth:
 
     def remove(self, rows: slice, columns: slice, cells: Mask) -> None:
         """Remove cells from the area; `cells` is their mask over these rows and columns."""
-        # No cell is deeper than this, so no cell farther away is affected.
+        # The largest depth, rounded down: cells more than this many rows or columns away are not affected.
         reach = math.isqrt(int(self.squares.max()))
         top, left = max(rows.start - reach, 0), max(columns.start - reach, 0)
         part = self.squares[top : rows.start + cells.shape[0] + reach, left : columns.start + cells.shape[1] + reach]
@@ -80,7 +80,10 @@ class Depth:
 
 
 def _squares(cells: Mask, reach: int) -> Index32:
-    """Squared distances (ny, nx) int32 from the nearest cell of a mask; beyond `reach`, any value above reach^2."""
+    """Squared distances (ny, nx) int32 from the nearest cell of a mask.
+
+    Beyond `reach`, the value is at least the smaller of the true square and (reach + 1)^2.
+    """
     ny, nx = cells.shape
     row = np.arange(ny, dtype=np.int32)[:, None]
     # Distances along y to the nearest cell of the mask at or before this row, and at or after it.

@@ -46,7 +46,7 @@ def test_reasons(picture: np.ndarray) -> None:
     assert find_board(cv2.GaussianBlur(picture, (0, 0), 3), BOARD).reason.startswith("blurred: black-white edges are")
     assert find_board(picture[:200], BOARD).reason.startswith("no board of 9x7 inner corners was found")
     smaller = find_board(picture, BoardSpec(7, 5, 0.03))
-    assert smaller.reason == "the board does not have 7x5 inner corners: wrong corner count"
+    assert smaller.reason == "the detected corners are not a complete grid of 7x5 inner corners: is it another board?"
     assert not smaller.is_usable and smaller.corners_px.shape == (0, 2)
 
 

@@ -64,8 +64,8 @@ def test_lost_background_is_reported(paper_scan, calibration, robot) -> None:
     """The report names the frame that would have served."""
     terrain = without_off(paper_scan, calibration, robot, lost=(20,))
     assert terrain.metadata["frames_bad"] == {
-        str(index): "no laser-off frame, and frame 20, one of the two earlier frames that replace it, is missing or "
-        "unusable"
+        str(index): "no laser-off frame, and the frame of stripe 20, one of the two earlier frames that replace it, is "
+        "missing or unusable"
         for index in (26, 32)
     }
 

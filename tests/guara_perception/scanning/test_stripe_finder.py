@@ -139,7 +139,8 @@ def test_lost_frame_costs_the_stripes_that_it_would_have_served() -> None:
     reasons = {number: band for number, band in bands.items() if isinstance(band, str)}
     assert list(reasons) == [7, 10]
     assert reasons[7] == (
-        "no laser-off frame, and frame 4, one of the two earlier frames that replace it, is missing or unusable"
+        "no laser-off frame, and the frame of stripe 4, one of the two earlier frames that replace it, is missing or "
+        "unusable"
     )
 
 

@@ -309,7 +309,7 @@ def test_a_later_pause_of_the_same_number_ends_the_use_of_the_one_before(
         try:
             bench.client.latest()
         except gp.StaleTerrain as error:
-            return "was followed by sequence" in str(error)
+            return "has since published or skipped sequence" in str(error)
         return False
 
     assert wait_until(is_refused)
