@@ -10,7 +10,8 @@ import numpy as np
 from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import RobotLike
-from guara_perception.terrain.layers.hazard import with_neighbours
+from guara_perception.terrain.layers.geometry import half_cells
+from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, with_neighbours
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.areas import Depth, connected_to
 from guara_perception.terrain.questions.best_foothold import checked_disc
@@ -185,7 +186,7 @@ class _Window:
         reach = radius + terrain.resolution / 2
         columns, rows = (np.flatnonzero(np.abs(axis - at) < reach) for axis, at in ((cx, x), (cy, y)))
         part = np.ix_(rows, columns)
-        free = np.asarray(terrain.traversability)[part] > 0
+        free = ((np.asarray(terrain.traversability) > 0) & _off_hazards(terrain))[part]
         height = np.asarray(terrain.elevation, np.float64)[part]
         if leg is not None:
             free &= _reached(terrain, cx[columns], cy[rows], free, height, leg, robot)
@@ -212,6 +213,22 @@ class _Window:
         """Some rows and columns of this part, without bounds."""
         layers = {name: getattr(self, name)[rows, columns] for name in ("free", "height", "variance")}
         return replace(self, x=self.x[columns], y=self.y[rows], bounds=np.empty((0, 3)), **layers)
+
+
+def _off_hazards(terrain: LayeredGrid) -> Mask:
+    """Mask of the cells in which a sole may be centred anywhere without covering a hazard.
+
+    EDGE is about soles in the middle of their cells; off the middle, a sole may reach one cell more.
+    """
+    limits, resolution, (ny, nx) = terrain.record.required_limits, terrain.resolution, terrain.shape
+    soles = limits.sole_width, limits.sole_length
+    reach = [math.ceil(length / 2 / resolution - 1e-9) for length in soles]
+    if reach == [half_cells(length, resolution) for length in soles]:
+        return np.ones(terrain.shape, dtype=bool)
+    bad = np.pad((terrain.hazard & ALL_BUT_EDGE) != 0, [(n, n) for n in reach], constant_values=True)
+    for axis, cells in enumerate((ny, nx)):
+        bad = np.logical_or.reduce([bad.take(range(n, n + cells), axis) for n in range(2 * reach[axis] + 1)])
+    return ~bad
 
 
 def _reached(

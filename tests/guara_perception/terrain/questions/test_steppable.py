@@ -121,6 +121,25 @@ def test_any_grid_has_its_regions(seed: int) -> None:
             assert grid.check_foothold(*region.centre).ok
 
 
+@pytest.mark.parametrize("resolution", [0.004, 0.005, 0.02])
+@pytest.mark.parametrize("sole", [(0.08, 0.06), (0.044, 0.044), (0.05, 0.03)])
+def test_a_sole_off_the_middle_of_a_cell_stays_off_hazards(resolution: float, sole: tuple[float, float]) -> None:
+    """A sole whose half is no whole number of cells reaches one cell more where it is off the middle of its cell."""
+    limits = dataclasses.replace(default_limits(), sole_length=sole[0], sole_width=sole[1])
+    rng = np.random.default_rng(0)
+    heights = np.zeros((90, 90))
+    for iy, ix in rng.integers(0, 84, (12, 2)):
+        heights[iy : iy + 3, ix : ix + 3] = 0.05
+    terrain = gp.assess_terrain(heights, resolution, limits=limits)
+    regions = [
+        terrain.steppable_region(x, 0.3 * 90 * resolution, 0.4) for x in np.linspace(0.1, 0.9, 9) * 90 * resolution
+    ]
+    regions += terrain.steppable_regions()
+    assert any(regions)
+    for region in filter(None, regions):
+        assert terrain.check_foothold(*inner_points(region, 200).T).ok.all()
+
+
 def test_on_free_ground_it_is_the_square_that_was_asked_for() -> None:
     """Four sides, the whole area, with plane and sigma of the ground."""
     y, x = np.mgrid[:140, :140] * 0.005 + 0.0025
