@@ -77,7 +77,7 @@ def test_old_grid_is_stale(node, client: gp.TerrainClient):
     node.tell("publish 11 5000")
     assert client.wait_for_step(11, timeout=30, max_age=math.inf).step == 11
     for ask in (client.latest, client.query):
-        with pytest.raises(gp.StaleTerrain, match="allowed: 420 s.*ask for a scan"):
+        with pytest.raises(gp.StaleTerrain, match="allowed: 420 s.*request a scan"):
             ask()
     with pytest.raises(ReceiveTimeout, match="allowed: 420 s"):
         next(client.stream(timeout=0.3))

@@ -61,11 +61,11 @@ def test_no_cell_becomes_safer(seed: int, share: float, tall: int) -> None:
     # Any score above zero, and heights beyond the range of a summary.
     score = np.where(layers["hazard"] == 0, rng.random(elevation.shape) ** 8 + 1e-7, 0)
     layers["traversability"] = np.minimum(score, 1).astype(np.float32)
-    heights = np.array(layers["elevation"])
+    lift = np.zeros((24, 30), np.float32)
     for _ in range(tall):
-        iy, ix = rng.integers(0, 24), rng.integers(0, 30)
-        heights[iy, ix] += np.float32(40.0)
-    layers["elevation"] = heights
+        lift[rng.integers(0, 24), rng.integers(0, 30)] += 40.0
+    for name in ("elevation", "elevation_min", "elevation_max"):
+        layers[name] = layers[name] + lift
     terrain = dataclasses.replace(terrain, layers=layers)
     small = _summary(terrain)
     assert not np.any((small.traversability > 0) & (terrain.traversability == 0))

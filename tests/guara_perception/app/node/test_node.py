@@ -181,14 +181,20 @@ def test_automatic_exposure_that_is_on_again_shows_in_health_and_status(bench: B
     bench.gait.say(0, PausePhase.BEGIN)
     health = bench.client.wait_for_step(0, timeout=TIMEOUT).metadata["health"]
     bench.gait.say(0, PausePhase.END)
-    (reason,) = health["reasons"]
+    # A busy machine may lose a frame of the scan, which is another reason.
+    (reason,) = (each for each in health["reasons"] if "automatic exposure" in each)
     assert health["level"] == "degraded"
     assert "automatic exposure is on, it was locked at 0.004 s: check that no other program" in reason
-    reported = {("scanner", Health.WARN, reason)}
-    assert wait_until(lambda: reported <= {(item.name, item.level, item.message) for item in bench.status.items()})
+    assert wait_until(
+        lambda: any(
+            item.name == "scanner" and item.level == Health.WARN and reason in item.message
+            for item in bench.status.items()
+        )
+    )
     bench.rig.camera.automatic.clear()
     bench.gait.say(1, PausePhase.BEGIN)
-    assert bench.client.wait_for_step(1, timeout=TIMEOUT).metadata["health"]["level"] == "ok"
+    reasons = bench.client.wait_for_step(1, timeout=TIMEOUT).metadata["health"]["reasons"]
+    assert not any("automatic exposure" in each for each in reasons)
 
 
 def test_a_scan_during_which_the_camera_moved_is_not_published(bench: Bench) -> None:
