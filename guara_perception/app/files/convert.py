@@ -49,12 +49,15 @@ def convert(
     if source.is_dir() == (target.suffix != ".mcap"):
         raise InvalidInput(f"{source} -> {target}: one must be a folder, and the other must end in .mcap")
     scans = open_scans(source) if source.is_dir() else [open_scan(source, step)]
-    stored = carried_calibration(source) if calibration is None else load_calibration(calibration)
-    if stored is not None and calibration is not None and stored.robot != scans[0].robot:
-        raise CalibrationMismatch(
-            f"{calibration} is of robot {stored.robot!r}, but {source} of {scans[0].robot!r}: give the calibration of "
-            f"the scan's rangefinder"
-        )
+    if calibration is None:
+        stored = carried_calibration(source)
+    else:
+        stored = load_calibration(calibration)
+        if stored.robot != scans[0].robot:
+            raise CalibrationMismatch(
+                f"{calibration} is of robot {stored.robot!r}, but {source} of {scans[0].robot!r}: give the calibration "
+                f"of the scan's rangefinder"
+            )
     if source.is_dir():
         _write_recording(scans, stored, target, progress)
     else:

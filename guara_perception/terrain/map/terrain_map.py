@@ -36,7 +36,7 @@ from guara_perception.terrain.map.seen_texture import GroundView, VisualMotion, 
 from guara_perception.terrain.map.snapshot import snapshot_layers
 from guara_perception.terrain.map.soft_ground import remembered, slid_feet, sunk_feet
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
-from guara_perception.terrain.map.walk_correction import SIDEWAYS, SidewaysDrift
+from guara_perception.terrain.map.walk_correction import SIDEWAYS, SidewaysDrift, covariance_in_odom
 from kinematics import OdometryPose, PoseInOdom, RobotModel
 
 # The window is recentred when the robot is farther than this from its centre along x or y.
@@ -275,8 +275,7 @@ class TerrainMap:
         if walk.last is not None:
             before = walk.transform @ walk.last
             if pose.since_last is not None:
-                turned = np.kron(np.eye(2), before[:3, :3])
-                growth = turned @ pose.since_last @ turned.T
+                growth = covariance_in_odom(before, pose.since_last)
             if state.texture is not None:
                 slip = slip + self._robot.odometry_limits.slip_share * (transform - before)[:2, 3]
         shift, turn = float(np.linalg.eigvalsh(growth[:2, :2])[-1]), float(growth[5, 5])

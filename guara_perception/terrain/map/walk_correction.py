@@ -193,8 +193,7 @@ class WalkCorrection:
             sums = self.sum.started(self.transform, odometry, self.covariance, self.noise)
             return replace(self, last=odometry.copy(), sum=sums)
         here, before = self.transform @ odometry, self.transform @ self.last
-        rotation = np.kron(np.eye(2), before[:3, :3])
-        motion = rotation @ since_last @ rotation.T
+        motion = covariance_in_odom(before, since_last)
         transition = transition_between(before, here)
         growth = motion[np.ix_(SIDEWAYS, SIDEWAYS)] + np.diag([LEAST_SIGMA_M**2] * 2 + [LEAST_SIGMA_RAD**2])
         turned = self.transform[:3, :3]
@@ -302,6 +301,12 @@ class WalkCorrection:
             visual_refused=visual_refused,
             displaced=found.displaced,
         )
+
+
+def covariance_in_odom(transform_footprint_to_odom: Float, covariance: Float) -> Float:
+    """Covariance (6, 6) of a motion along the axes of odom, from that along the axes of a footprint."""
+    rotation = np.kron(np.eye(2), transform_footprint_to_odom[:3, :3])
+    return np.asarray(rotation @ covariance @ rotation.T)
 
 
 def _slip_growth(before: Float, now: Float, slip_share: float) -> Float:

@@ -186,7 +186,7 @@ class _Window:
         reach = radius + terrain.resolution / 2
         columns, rows = (np.flatnonzero(np.abs(axis - at) < reach) for axis, at in ((cx, x), (cy, y)))
         part = np.ix_(rows, columns)
-        free = ((np.asarray(terrain.traversability) > 0) & _off_hazards(terrain))[part]
+        free = (np.asarray(terrain.traversability)[part] > 0) & _off_hazards(terrain)[part]
         height = np.asarray(terrain.elevation, np.float64)[part]
         if leg is not None:
             free &= _reached(terrain, cx[columns], cy[rows], free, height, leg, robot)
